@@ -19,7 +19,8 @@ Examples:
   plumb bench kills --count 10
   plumb bench kills --count 200 --rate-hz 500 --load 2 --json
 
-Exit codes: 0 nothing lost and the output equals an undisturbed run, 1 otherwise.")]
+Exit codes: 0 nothing lost and the output equals an undisturbed run, 1
+otherwise.")]
     Kills {
         #[command(flatten)]
         campaign: Campaign,

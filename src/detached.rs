@@ -18,6 +18,7 @@ use rustix::process::{Pid, Signal, kill_process};
 
 use crate::{
     failure::fail,
+    notice::notice,
     stdout::{print, print_item},
     system::LocalSystemArgs,
 };
@@ -67,7 +68,8 @@ Examples:
   plumb down
   plumb down --system alpha
 
-Ends a system like Ctrl-C. A system that systemd runs is ended by `systemctl stop plumbline`.")]
+Ends a system like Ctrl-C. A system that systemd runs is ended by `systemctl
+stop plumbline`.")]
 pub(crate) struct Down {
     #[command(flatten)]
     system: LocalSystemArgs,
@@ -94,7 +96,7 @@ pub(crate) struct Logs {
 pub(crate) fn start(name: &str) -> ExitCode {
     match try_start(name) {
         Ok((pid, log)) => {
-            supervisor::announce(format_args!(
+            notice(format_args!(
                 "{name} runs in the background, process {pid}, log {}; end it with `plumb down`",
                 foreign::path(&log)
             ));
@@ -159,7 +161,7 @@ pub(crate) fn down(Down { system }: Down) -> ExitCode {
     match end(&name) {
         Ok(pid) if system.json => print(&serde_json::json!({ "system": name, "ended_process": pid })),
         Ok(pid) => {
-            supervisor::announce(format_args!("{name} has ended, process {pid}"));
+            notice(format_args!("{name} has ended, process {pid}"));
             ExitCode::SUCCESS
         }
         Err(error) => fail(&error, 1),

@@ -7,7 +7,7 @@ use drivers::detect::{DetectedDevice, Finding, MAX_PORT_TIME, PortFinding, detec
 use foreign::ForeignText;
 use serde_json::json;
 
-use crate::{failure::fail, stdout::print};
+use crate::{failure::fail, notice::notice, stdout::print};
 
 /// Maximum number of ports that are read at the same time.
 const MAX_PORTS: usize = 16;
@@ -20,8 +20,9 @@ Examples:
   plumb detect /dev/ttyUSB0
   plumb detect --json
 
-Reads each port at the usual baud rates for at most 11 s and tries all formats of sensors and
-receivers. Nothing is sent to the devices. A port that a running system reads is busy.
+Reads each port at the usual baud rates for at most 11 s and tries all formats
+of sensors and receivers. Nothing is sent to the devices. A port that a running
+system reads is busy.
 
 Exit codes: 0 device found, 1 no device found.")]
 pub(crate) struct Detect {
@@ -42,7 +43,7 @@ pub(crate) fn run(Detect { ports, json }: Detect) -> ExitCode {
         ports.truncate(MAX_PORTS);
     }
     let number = if ports.len() == 1 { "1 port".into() } else { format!("{} ports", ports.len()) };
-    supervisor::announce(format_args!("reading {number} for at most {} s", MAX_PORT_TIME.as_secs()));
+    notice(format_args!("reading {number} for at most {} s", MAX_PORT_TIME.as_secs()));
     let findings = Findings(thread::scope(|scope| {
         let readers: Vec<_> = ports.iter().map(|port| scope.spawn(|| detect(port))).collect();
         readers.into_iter().filter_map(|reader| reader.join().ok()).collect()

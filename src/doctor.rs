@@ -13,10 +13,12 @@ use runtime::ServiceConfig;
 use supervisor::LastRun;
 
 use crate::{
+    duration::duration,
     failure::fail,
+    notice::colored_results,
     stdout::print,
     system::LocalSystemArgs,
-    topics::{StopCondition, duration, observer},
+    topics::{StopCondition, observer},
 };
 
 /// Arguments of `plumb doctor`.
@@ -24,7 +26,7 @@ use crate::{
 #[command(after_help = "\
 Examples:
   plumb doctor
-  plumb doctor --seconds 30
+  plumb doctor --for 30s
   plumb doctor --fix
 
 Exit codes: 0 no problem (warnings are possible), 1 a problem remains.")]
@@ -34,12 +36,12 @@ pub(crate) struct DoctorCommand {
     /// Remove files of dead systems (with --system, of that system only)
     #[arg(long)]
     fix: bool,
-    /// Observation time of a running system, s, 0.001 to 1e8
-    #[arg(long, default_value = "5", value_parser = duration)]
-    seconds: Duration,
+    /// Observation time of a running system, such as 500ms or 1m
+    #[arg(long = "for", value_name = "TIME", default_value = "5s", value_parser = duration)]
+    duration: Duration,
 }
 
-pub(crate) fn run(DoctorCommand { system, fix, seconds }: DoctorCommand) -> ExitCode {
+pub(crate) fn run(DoctorCommand { system, fix, duration }: DoctorCommand) -> ExitCode {
     let name = system.name();
     let system_name = match SystemName::new(&name) {
         Ok(system_name) => system_name,
@@ -48,7 +50,7 @@ pub(crate) fn run(DoctorCommand { system, fix, seconds }: DoctorCommand) -> Exit
     let mut checks = machine::checks();
     checks.extend(leftovers::checks(system.is_named().then_some(&system_name), fix));
     checks.extend(match system_name.owner_pid() {
-        Ok(Some(pid)) => check_running_system(&name, pid, seconds).unwrap_or_else(|check| vec![check]),
+        Ok(Some(pid)) => check_running_system(&name, pid, duration).unwrap_or_else(|check| vec![check]),
         Ok(None) => vec![match observer(&name, "doctor") {
             Err(error @ BusError::FilesRemoved { .. }) => Check::problem(
                 "system",
@@ -70,8 +72,11 @@ pub(crate) fn run(DoctorCommand { system, fix, seconds }: DoctorCommand) -> Exit
     });
     let diagnosis = DoctorReport { system: name, checks };
     // Serialising strings and lists cannot fail.
-    let printed =
-        if system.json { print(&serde_json::to_string(&diagnosis).unwrap_or_default()) } else { print(&diagnosis) };
+    let printed = if system.json {
+        print(&serde_json::to_string(&diagnosis).unwrap_or_default())
+    } else {
+        print(&colored_results(&diagnosis))
+    };
     if diagnosis.count(Severity::Problem) > 0 { ExitCode::FAILURE } else { printed }
 }
 
@@ -82,7 +87,7 @@ fn kill_command(pids: &[u32]) -> String {
 
 /// Checks the running system of the given supervisor. Returns a failed check if it cannot be
 /// observed.
-fn check_running_system(name: &str, supervisor: u32, seconds: Duration) -> Result<Vec<Check>, Check> {
+fn check_running_system(name: &str, supervisor: u32, duration: Duration) -> Result<Vec<Check>, Check> {
     let observe_failed = |error: BusError| {
         let remedy = match &error {
             BusError::TooManyObservers { pids, .. } => {
@@ -106,7 +111,7 @@ fn check_running_system(name: &str, supervisor: u32, seconds: Duration) -> Resul
         )
     };
     let observer = observer(name, "doctor").map_err(observe_failed)?;
-    let mut stop = StopCondition::new(|| observer.is_running(), Some(seconds));
+    let mut stop = StopCondition::new(|| observer.is_running(), Some(duration));
     let snapshot = Observation::collect(&observer, &mut || stop.is_met()).map_err(observe_failed)?;
     let statuses = send_request::<Vec<ServiceStatus>>(name, &ControlRequest::Status).map_err(request_failed)?;
     let config = send_request::<ServiceConfig>(name, &ControlRequest::ServiceConfig).map_err(request_failed)?;

@@ -1,8 +1,9 @@
 //! Durations on the command line.
 
-/// Parses a duration in ms, s, m or h and returns it in seconds. A number without a unit is in
-/// seconds.
-pub(crate) fn duration_s(text: &str) -> Result<f64, String> {
+use std::time::Duration;
+
+/// Parses a duration in ms, s, m or h. A number without a unit is in seconds.
+pub(crate) fn duration(text: &str) -> Result<Duration, String> {
     let split = text.find(|c: char| c.is_ascii_alphabetic()).unwrap_or(text.len());
     let scale = match &text[split..] {
         "ms" => 1e-3,
@@ -12,5 +13,6 @@ pub(crate) fn duration_s(text: &str) -> Result<f64, String> {
         _ => return Err("expected a number with ms, s, m or h".into()),
     };
     let number: f64 = text[..split].trim().parse().map_err(|_| "expected a number with ms, s, m or h")?;
-    Some(number * scale).filter(|s| (1e-3..=1e8).contains(s)).ok_or_else(|| "expected 1 ms to 27000 h".into())
+    let seconds = Some(number * scale).filter(|s| (1e-3..=1e8).contains(s));
+    seconds.map(Duration::from_secs_f64).ok_or_else(|| "expected 1 ms to 27000 h".into())
 }

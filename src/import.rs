@@ -10,11 +10,14 @@ use import::{
     Format, ImportError, Mapping, MappingError, Options, Summary, Table, convert, convert_table, mcap_file::to_mcap,
     note_fixes_outside, plain_recording_range_ns,
 };
-use indicatif::{ProgressBar, ProgressStyle};
 use recording::{RecordingError, References};
 use tempfile::TempDir;
 
-use crate::{failure::fail, stdout::print};
+use crate::{
+    failure::fail,
+    notice::{notice, progress_bar},
+    stdout::print,
+};
 
 /// Arguments of `plumb import`.
 #[derive(Args)]
@@ -22,16 +25,17 @@ use crate::{failure::fail, stdout::print};
 Examples:
   plumb import flight.ulg -o flight_imu.csv.gz
   plumb import bag/ --topic /imu/data --topic /gps/vel -o walk.mcap
-  plumb import phone.csv -o walk_imu.csv --map t=time,gx=wx,gy=wy,gz=wz,ax=fx,ay=fy,az=fz --units ms,deg/s,g --frame flu
+  plumb import phone.csv -o walk_imu.csv --units ms,deg/s,g --frame flu
 
-PX4 ULog, ArduPilot log, tlog, MCAP and ROS 2 bag need no mapping. For any other CSV, --map
-names the column of each quantity: t, gx, gy, gz, ax, ay, az; optional mx, my, mz (field),
-qw, qx, qy, qz (reference), ve, vn, vu or vd (velocity, m/s), lat, lon, alt.
-If several CSV files are given, a column is FILE:COLUMN and the files are joined by time.
-A log whose clock starts again has several segments, of which one is converted.
+PX4 ULog, ArduPilot log, tlog, MCAP and ROS 2 bag need no mapping. For any other
+CSV, --map names the column of each quantity: t, gx, gy, gz, ax, ay, az;
+optional mx, my, mz (field), qw, qx, qy, qz (reference), ve, vn, vu or vd
+(velocity, m/s), lat, lon, alt. If several CSV files are given, a column is
+FILE:COLUMN and the files are joined by time. A log whose clock starts again has
+several segments, of which one is converted.
 
-The output is MCAP if its name ends in .mcap, else CSV, compressed if it ends in .gz.
-Fixes are written next to NAME_imu.csv.gz as NAME_gnss.csv.")]
+The output is MCAP if its name ends in .mcap, else CSV, compressed if it ends in
+.gz. Fixes are written next to NAME_imu.csv.gz as NAME_gnss.csv.")]
 pub(crate) struct Import {
     /// ULog, ArduPilot log, tlog, MCAP, ROS 2 bag, or CSV files joined by time
     #[arg(required = true, value_name = "FILE")]
@@ -175,9 +179,6 @@ pub(crate) struct ReadableFile {
 
 impl ReadableFile {
     /// Opens a recording, importing it first if it is a foreign log or its rows need care.
-    ///
-    /// A CSV file with columns of a recording and a mistake in its header is returned unchanged, so
-    /// that its reader reports the mistake.
     pub(crate) fn open(path: &Path, reading: &ReadOptions, sensors: SensorNumbers) -> Result<Self, ImportError> {
         Ok(Self::open_announced(path, reading, sensors)?.0)
     }
@@ -210,7 +211,7 @@ impl ReadableFile {
             return Ok((Self { path: path.into(), user_path: path.into(), warning: None, _folder: None }, 1));
         }
         let (readable, summary) = Self::import(&[path.into()], &options)?;
-        supervisor::announce(summary_text(&summary, path));
+        notice(summary_text(&summary, path));
         Ok((readable, summary.segments.len()))
     }
 
@@ -313,8 +314,8 @@ fn count_references(recording: &Path, reference: &Path) -> Result<[u64; 2], Reco
     Ok(counts)
 }
 
-/// Returns `true` if the file is read without an import: a recording without faults, or a CSV file
-/// with a mistake in its header, which the reader reports.
+/// Returns `true` if the file is read without an import: a recording without faults, or a file that
+/// is damaged from its start, which the reader reports.
 fn is_read_unchanged(path: &Path) -> Result<bool, ImportError> {
     let format = match Format::detect(path) {
         Ok(format) => format,
@@ -336,8 +337,6 @@ fn is_read_unchanged(path: &Path) -> Result<bool, ImportError> {
             }
             None => false,
         },
-        // Names that resemble those of a recording are reported with the right ones.
-        Format::Csv => recording::Reader::open(path).is_err_and(|error| error.suggests_name()),
         Format::Gzip => is_unreadable(path),
         _ => false,
     })
@@ -350,8 +349,7 @@ fn is_unreadable(path: &Path) -> bool {
 
 /// Converts the files, with a progress bar if standard error is a terminal.
 fn convert_with_progress(files: &[PathBuf], options: &Options, out: &Path) -> Result<Summary, ImportError> {
-    let style = ProgressStyle::with_template("{bar:40} {bytes} of {total_bytes}, {eta} left");
-    let bar = ProgressBar::new(0).with_style(style.unwrap_or_else(|_| ProgressStyle::default_bar()));
+    let bar = progress_bar(0, "{bar:40} {bytes} of {total_bytes}, {eta} left");
     let summary = convert(files, options, out, &mut |progress| {
         bar.set_length(progress.total_bytes);
         bar.set_position(progress.done_bytes);

@@ -4,7 +4,6 @@ use std::{path::PathBuf, process::ExitCode};
 
 use ::keys::{Host, Keys, KeysError, Party, Role, WrittenFolder, certificate::DEFAULT_DAYS};
 use clap::{Args, Subcommand};
-use serde::Serialize;
 
 use crate::{
     failure::{fail, fail_after_result},
@@ -21,7 +20,7 @@ pub(crate) enum Command {
 Examples:
   plumb keys init --router 192.168.1.5
   plumb keys init --router router.example.net --router 10.0.0.1 --dir keys
-  plumb keys init --force                     # invalidates all existing certificates")]
+  plumb keys init --force             # invalidates all existing certificates")]
     Init {
         #[command(flatten)]
         router: RouterArgs,
@@ -43,7 +42,7 @@ Examples:
     #[command(after_help = "\
 Examples:
   plumb keys vehicle alpha
-  plumb keys vehicle board --host 192.168.1.7 # can also listen there, without a router
+  plumb keys vehicle board --host 192.168.1.7 # can listen without a router
   plumb keys vehicle base --imports board     # second host of a split system")]
     Vehicle {
         #[command(flatten)]
@@ -166,7 +165,7 @@ fn revoke(party: &str, folder: &FolderArgs) -> Result<ExitCode, KeysError> {
     let party: Party = party.parse()?;
     folder.open()?.revoke(&party)?;
     if folder.json {
-        return Ok(print_json(&serde_json::json!({ "revoked": party })));
+        return Ok(print(&serde_json::json!({ "revoked": party })));
     }
     let router = folder.dir.join("router");
     Ok(print(&format_args!(
@@ -179,7 +178,7 @@ fn list(folder: &FolderArgs, fail_if_due: bool) -> Result<ExitCode, KeysError> {
     let holders = folder.open()?.holders()?;
     let due: Vec<_> = holders.iter().filter(|it| !it.revoked && it.days_left < RENEWAL_WARNING_DAYS).collect();
     let printed = if folder.json {
-        print_json(&holders)
+        print(&serde_json::json!({ "holders": holders }))
     } else {
         let line = |holder: &::keys::Holder| {
             let state = match (holder.revoked, holder.days_left) {
@@ -205,7 +204,7 @@ fn list(folder: &FolderArgs, fail_if_due: bool) -> Result<ExitCode, KeysError> {
 /// Prints the written files and where to copy them.
 fn print_written(written: &[WrittenFolder], folder: &FolderArgs) -> ExitCode {
     if folder.json {
-        return print_json(&written);
+        return print(&serde_json::json!({ "written": written }));
     }
     let mut lines = Vec::new();
     for one in written {
@@ -222,10 +221,6 @@ fn print_written(written: &[WrittenFolder], folder: &FolderArgs) -> ExitCode {
             .push(format!("to apply it, copy the new {} to the router and restart the router", foreign::path(&router)));
     }
     print(&lines.join("\n"))
-}
-
-fn print_json(value: &impl Serialize) -> ExitCode {
-    print(&serde_json::to_string(value).unwrap_or_default())
 }
 
 fn parse_hosts(hosts: &[String]) -> Result<Vec<Host>, KeysError> {

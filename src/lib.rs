@@ -17,6 +17,7 @@ mod info;
 #[cfg(feature = "network")]
 mod keys;
 mod manual;
+mod notice;
 mod paper;
 mod record;
 mod replay;
@@ -45,7 +46,7 @@ use absent::top;
 use absent::{cockpit, view};
 #[cfg(not(feature = "network"))]
 use absent::{gateway, keys, remote};
-use clap::{CommandFactory, Parser, Subcommand};
+use clap::{ColorChoice, CommandFactory, Parser, Subcommand};
 use launch::Service;
 use mapping::names::UnknownName;
 
@@ -53,6 +54,7 @@ use mapping::names::UnknownName;
 use ::remote;
 
 use failure::{fail, print_error_object};
+use stdout::print;
 
 /// Version, commit, build profile and Cargo features of this executable.
 const LONG_VERSION: &str = concat!(
@@ -71,9 +73,10 @@ const LONG_VERSION: &str = concat!(
     name = "plumb",
     version,
     long_version = LONG_VERSION,
+    term_width = 80,
     after_help = "\
 Examples:
-  plumb                                       # the same as plumb up
+  plumb demo
   plumb up --source 'sim:s1?seed=2' --for 10s
   plumb top
 
@@ -83,11 +86,17 @@ Exit codes: 0 success, 1 runtime failure or lost ticks, 2 wrong usage,
 struct Cli {
     #[command(subcommand)]
     command: Option<Command>,
+    /// Colours; auto: on a terminal, unless NO_COLOR is set
+    #[arg(long, global = true, value_name = "WHEN", default_value = "auto")]
+    color: ColorChoice,
+    /// Print no progress and no confirmations
+    #[arg(long, short, global = true)]
+    quiet: bool,
 }
 
 #[derive(Subcommand)]
 enum Command {
-    /// Run a system until its source ends or Ctrl-C (default command)
+    /// Run a system until its source ends or Ctrl-C
     Up(up::Up),
     /// End a running system
     Down(detached::Down),
@@ -138,7 +147,7 @@ Examples:
 Examples:
   plumb ps
   plumb ps --json
-  plumb ps --remote alpha --connect quic/192.168.1.5:7447 --keys keys/viewer.wall")]
+  plumb ps --remote alpha --connect quic/base:7447 --keys keys/viewer.wall")]
     Ps(system::SystemArgs),
     /// Show live state, rate and latency of each service
     Top(top::TopCommand),
@@ -147,7 +156,7 @@ Examples:
 Examples:
   plumb topic list
   plumb topic echo attitude --every 100
-  plumb topic hz imu --seconds 10")]
+  plumb topic hz imu --for 10s")]
     Topic {
         #[command(subcommand)]
         command: topic::TopicCommand,
@@ -177,10 +186,11 @@ Examples:
         #[command(subcommand)]
         command: keys::Command,
     },
-    /// Check launch files and derive settings of systemd from them
+    /// Check and show launch files, and derive settings of systemd
     #[command(after_help = "\
 Examples:
   plumb config check launch.toml
+  plumb config show
   plumb config unit launch.toml")]
     Config {
         #[command(subcommand)]
@@ -225,7 +235,11 @@ pub fn main() -> ExitCode {
         Ok(cli) => cli,
         Err(error) => return report_usage_error(&error),
     };
-    match cli.command.unwrap_or(Command::Up(up::Up::default())) {
+    notice::configure(cli.color, cli.quiet);
+    let Some(command) = cli.command else {
+        return print(&command_line().render_help().to_string().trim_end());
+    };
+    match command {
         Command::Up(up) => up::run(up),
         Command::Down(down) => detached::down(down),
         Command::Logs(logs) => detached::logs(logs),

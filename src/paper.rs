@@ -3,26 +3,26 @@
 use std::{path::PathBuf, process::ExitCode};
 
 use clap::{Args, ValueEnum};
-use indicatif::{ProgressBar, ProgressStyle};
 use papers::{Paper, picture::Picture};
 
-use crate::{failure::fail, stdout::print};
+use crate::{failure::fail, notice::progress_bar, stdout::print};
 
 /// Arguments of `plumb paper`.
 #[derive(Args)]
 #[command(after_help = "\
 Examples:
   plumb paper s1
-  plumb paper all --out papers
+  plumb paper all --out-dir papers
 
-Writes DIR/PAPER/NAME.svg and DIR/index.html with all papers in DIR. Tables are also printed.")]
+Writes DIR/PAPER/NAME.svg and DIR/index.html with all papers in DIR. Tables are
+also printed.")]
 pub(crate) struct PaperCommand {
     /// Paper to reproduce
     #[arg(value_name = "PAPER")]
     paper: PaperArg,
     /// Folder for the figures and the page
     #[arg(long, value_name = "DIR", default_value = "papers")]
-    out: PathBuf,
+    out_dir: PathBuf,
 }
 
 #[derive(Clone, Copy, PartialEq, ValueEnum)]
@@ -54,8 +54,8 @@ impl PaperArg {
 pub(crate) fn run(command: &PaperCommand) -> ExitCode {
     let mut text = String::new();
     for paper in command.paper.papers() {
-        let bar = ProgressBar::new(0).with_style(progress_style()).with_message(paper.name());
-        let result = papers::reproduce(paper, &command.out, &mut |done, total| {
+        let bar = progress_bar(0, "{msg} {bar:40} {pos}/{len}, {eta} left").with_message(paper.name());
+        let result = papers::reproduce(paper, &command.out_dir, &mut |done, total| {
             bar.set_length(total);
             bar.set_position(done);
         });
@@ -71,12 +71,6 @@ pub(crate) fn run(command: &PaperCommand) -> ExitCode {
             Err(error) => return fail(&error, 1),
         }
     }
-    text += &format!("All figures: {}", command.out.join(papers::page::INDEX_FILE).display());
+    text += &format!("All figures: {}", command.out_dir.join(papers::page::INDEX_FILE).display());
     print(&text)
-}
-
-/// Returns the style of the progress bar, which is drawn only on a terminal.
-fn progress_style() -> ProgressStyle {
-    ProgressStyle::with_template("{msg} {bar:40} {pos}/{len}, {eta} left")
-        .unwrap_or_else(|_| ProgressStyle::default_bar())
 }

@@ -9,7 +9,7 @@ use mapping::names::UnknownName;
 use observe::system_recording::{SystemRecording, SystemRecordingError};
 
 use crate::{
-    duration::duration_s,
+    duration::duration,
     failure::{fail, fail_after_result},
     stdout::print,
     system::LocalSystemArgs,
@@ -20,7 +20,7 @@ use crate::{
 #[derive(Args)]
 #[command(after_help = "\
 Examples:
-  plumb record -o flight.mcap                 # until Ctrl-C or the end of the system
+  plumb record -o flight.mcap         # until Ctrl-C or the end of the system
   plumb record -o part.mcap --topics imu,attitude --for 10s
   plumb record -o alpha.mcap --system alpha --json
 
@@ -35,8 +35,8 @@ pub(crate) struct Record {
     #[arg(long, value_name = "TOPICS", value_delimiter = ',', value_parser = parse_topic)]
     topics: Vec<Topic>,
     /// Recording time, such as 500ms, 10s, 2m or 1h [default: until Ctrl-C]
-    #[arg(long = "for", value_name = "TIME", value_parser = duration_s)]
-    duration_s: Option<f64>,
+    #[arg(long = "for", value_name = "TIME", value_parser = duration)]
+    duration: Option<Duration>,
 }
 
 /// Returns the exit code of an error.
@@ -62,11 +62,11 @@ pub(crate) fn run(record: &Record) -> ExitCode {
 
 /// Records until the time limit is reached, a signal arrives or the system ends.
 fn record_until_stopped(
-    Record { system, out, topics, duration_s }: &Record,
+    Record { system, out, topics, duration }: &Record,
 ) -> Result<RecordingSummary, SystemRecordingError> {
     let topics = if topics.is_empty() { Topic::ALL } else { topics };
     let mut recording = SystemRecording::start(&system.name(), topics, out, env!("CARGO_PKG_VERSION"))?;
-    let mut stop = StopCondition::new(|| true, duration_s.map(Duration::from_secs_f64));
+    let mut stop = StopCondition::new(|| true, *duration);
     let end_reason = loop {
         if stop.is_met() {
             break "stopped on request";

@@ -7,7 +7,6 @@ use std::{
 
 use ::import::{ImportError, Table};
 use clap::{Args, ValueEnum};
-use indicatif::{ProgressBar, ProgressStyle};
 use launch::{GyroSamples, Ingest, Launch, LaunchError};
 use mapping::names::UnknownName;
 use score::{
@@ -22,6 +21,7 @@ use score::{
 use crate::{
     failure::fail,
     import::{ReadOptions, ReadableFile, ReadableTable, SensorNumbers},
+    notice::{notice, progress_bar},
     stdout::print,
 };
 
@@ -30,27 +30,30 @@ use crate::{
 #[command(after_help = "\
 Examples:
   plumb score flight.ulg --fuser multiple-model --fuser vqf --plot figures
-  plumb score sim:s1 --fuser wz-closed --tune fuser.time_constant_s=0.1..10 --report tuned.html
-  plumb score flight.ulg --fuser vqf --estimate mine=attitudes.csv --report compared.html
+  plumb score sim:s1 --fuser wz-closed --tune fuser.time_constant_s=0.1..10
+  plumb score flight.ulg --estimate mine=attitudes.csv --report compared.html
 
-Input: CSV, CSV.gz, PX4 ULog, ArduPilot log, tlog, MCAP, ROS 2 bag, or sim:SCENARIO.
-A recording has the columns t_s,gx,gy,gz,ax,ay,az and optional mx,my,mz,qw,qx,qy,qz,mov;
-a file of fixes has t_s,ve,vn,vu and optional lat_deg,lon_deg,alt_m; a file of --estimate or
---reference has t_s,qw,qx,qy,qz on the clock of the recording, body to east-north-up.
+Input: CSV, CSV.gz, PX4 ULog, ArduPilot log, tlog, MCAP, ROS 2 bag, or
+sim:SCENARIO. A recording has the columns t_s,gx,gy,gz,ax,ay,az and optional
+mx,my,mz,qw,qx,qy,qz,mov; a file of fixes has t_s,ve,vn,vu and optional
+lat_deg,lon_deg,alt_m; a file of --estimate or --reference has t_s,qw,qx,qy,qz
+on the clock of the recording, body to east-north-up.
 
-KEY is key, slot.key or stage.key. --set KEY=A..B scores 25 values and prints the best one,
-but the scores keep the current value. --tune KEY=A..B searches 27 values and uses the best one.
-Both space the values logarithmically if B is at least ten times A, and minimise the total
-error, or the inclination error if the heading has no reference.
+KEY is key, slot.key or stage.key. --set KEY=A..B scores 25 values and prints
+the best one, but the scores keep the current value. --tune KEY=A..B searches 27
+values and uses the best one. Both space the values logarithmically if B is at
+least ten times A, and minimise the total error, or the inclination error if the
+heading has no reference.
 
-Files of several fusers are written to DIR/FUSER/. Columns without a value are nan.
+Files of several fusers are written to DIR/FUSER/. A missing value is nan.
 
-Errors are those of BROAD: e = q_est q_ref*, total 2 acos |e_w|, heading 2 atan |e_z/e_w|,
-inclination 2 acos sqrt(e_w^2 + e_z^2); RMSE over samples with mov = 1 and a reference,
-then the mean over trials. No heading offset is removed.
+Errors are those of BROAD: e = q_est q_ref*, total 2 acos |e_w|, heading 2 atan
+|e_z/e_w|, inclination 2 acos sqrt(e_w^2 + e_z^2); RMSE over samples with mov =
+1 and a reference, then the mean over trials. No heading offset is removed.
 
-ns/update is the CPU time of one step each of gyro, accel and fuser, without reading, checks,
-messages and course: median over 7 rounds, each over the first 30000 samples of a trial.")]
+ns/update is the CPU time of one step each of gyro, accel and fuser, without
+reading, checks, messages and course: median over 7 rounds, each over the first
+30000 samples of a trial.")]
 pub(crate) struct Score {
     /// Recordings, or simulations such as sim:s1 or sim:cruise?seed=1..200
     #[arg(required = true, value_name = "FILE")]
@@ -93,7 +96,7 @@ pub(crate) struct Score {
     gyro_samples: Option<Samples>,
     /// Folder for t_s,qw,qx,qy,qz of each tick, one TRIAL.csv each
     #[arg(long, value_name = "DIR")]
-    out: Option<PathBuf>,
+    out_dir: Option<PathBuf>,
     /// Folder for estimates (fused, gyro-only, accel-only) and reference
     #[arg(long, value_name = "DIR")]
     csv: Option<PathBuf>,
@@ -157,7 +160,7 @@ enum Samples {
 
 pub(crate) fn run(score: Score) -> ExitCode {
     let Score { files, gyro, accel, fusers, course, launch, settings, mag, gnss, gyro_samples, .. } = score;
-    let Score { out, csv, plot, from, to, size, report, tune, all_errors, json, reading, reference, .. } = score;
+    let Score { out_dir, csv, plot, from, to, size, report, tune, all_errors, json, reading, reference, .. } = score;
     let Score { estimates, arbitrary_headings, .. } = score;
     if reference.is_some() && !matches!(&files[..], [file] if !file.starts_with("sim:")) {
         return fail(&"--reference belongs to a single recording; score other files separately", 2);
@@ -234,7 +237,7 @@ pub(crate) fn run(score: Score) -> ExitCode {
                 heading_is_known: !arbitrary_headings.contains(name),
             })
             .collect(),
-        out,
+        out: out_dir,
         csv,
         plot: plot.map(|folder| PlotOptions { folder, from_s: from, to_s: to, size }),
         report,
@@ -243,7 +246,7 @@ pub(crate) fn run(score: Score) -> ExitCode {
         tune,
         prints_all_errors: all_errors,
     };
-    let bar = ProgressBar::new(0).with_style(progress_style());
+    let bar = progress_bar(0, "{bar:40} {percent:>3} % of {human_len} samples, {eta} left");
     let scores = score::run(&request, &mut |done, of| {
         bar.set_length(of);
         bar.set_position(done);
@@ -260,7 +263,7 @@ pub(crate) fn run(score: Score) -> ExitCode {
     }
     match scores {
         Ok(scores) if json => {
-            supervisor::announce(&scores);
+            notice(&scores);
             print(&scores.json())
         }
         Ok(scores) => print(&scores),
@@ -315,11 +318,6 @@ fn command_line() -> String {
 }
 
 /// Returns the style of the progress bar, which is drawn only on a terminal.
-fn progress_style() -> ProgressStyle {
-    ProgressStyle::with_template("{bar:40} {percent:>3} % of {human_len} samples, {eta} left")
-        .unwrap_or_else(|_| ProgressStyle::default_bar())
-}
-
 fn parse_set(text: &str) -> Result<Set, String> {
     let is_range = text.split_once('=').is_some_and(|(_, value)| value.contains(".."));
     if is_range { text.parse().map(Set::Range) } else { text.parse().map(Set::Value) }

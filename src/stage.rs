@@ -8,13 +8,17 @@ use std::{
 use ::score::catalogue::Catalogue;
 use clap::{Subcommand, ValueEnum};
 use conformance::Report;
-use indicatif::{ProgressBar, ProgressStyle};
 use launch::{Launch, LaunchError, Slot};
 use mapping::names::UnknownName;
 use rayon::prelude::*;
 use sdk::template::{Language, Template, TemplateError};
+use serde::Serialize;
 
-use crate::{failure::fail, stdout::print};
+use crate::{
+    failure::fail,
+    notice::{colored_results, notice, progress_bar},
+    stdout::print,
+};
 
 #[derive(Subcommand)]
 pub(crate) enum Stage {
@@ -50,7 +54,7 @@ Exit codes: 0 all stages pass, 1 otherwise, 2 unknown stage.")]
         /// Launch file with the [stages.NAME] to test [default: ./launch.toml]
         #[arg(long, value_name = "FILE")]
         launch: Option<PathBuf>,
-        /// Print the reports as one JSON array on the last line
+        /// Print one JSON object with the reports on the last line
         #[arg(long)]
         json: bool,
     },
@@ -132,10 +136,7 @@ fn new(name: String, lang: Lang, slot: Slot, dir: Option<PathBuf>, source: Optio
     };
     match (Template { language, slot, name }).write(&folder) {
         Ok(()) => {
-            supervisor::announce(format_args!(
-                "{} created; see its README.md for the next steps",
-                foreign::path(&folder)
-            ));
+            notice(format_args!("{} created; see its README.md for the next steps", foreign::path(&folder)));
             ExitCode::SUCCESS
         }
         Err(error @ TemplateError::Write { .. }) => fail(&error, 1),
@@ -191,30 +192,35 @@ fn test(slot: Option<Slot>, names: &[String], launch: Option<&Path>, json: bool)
         let Some(program) = launch.stages.get(name) else { continue };
         // The suite takes minutes for a stage in a slow language, so progress is printed.
         let slot = program.slot;
-        let on_start = &mut |kind: &str| supervisor::announce(format_args!("{slot} {name}: {kind}"));
+        let on_start = &mut |kind: &str| notice(format_args!("{slot} {name}: {kind}"));
         match conformance::run_external(name, program, on_start) {
             Ok(report) => reports.push(report),
             Err(error) => return fail(&error, 1),
         }
     }
     for report in reports.iter().filter(|_| !json) {
-        if print(report) != ExitCode::SUCCESS {
+        if print(&colored_results(report)) != ExitCode::SUCCESS {
             return ExitCode::FAILURE;
         }
     }
     if json {
-        match serde_json::to_string(&reports) {
-            Ok(text) if print(&text) == ExitCode::SUCCESS => {}
-            _ => return ExitCode::FAILURE,
+        let printed = print(&serde_json::to_string(&Reports { reports: &reports }).unwrap_or_default());
+        if printed != ExitCode::SUCCESS {
+            return printed;
         }
     }
     if reports.iter().all(Report::passed) { ExitCode::SUCCESS } else { ExitCode::FAILURE }
 }
 
+/// Reports of all tested stages, for `--json`.
+#[derive(Serialize)]
+struct Reports<'r> {
+    reports: &'r [Report],
+}
+
 /// Tests built-in stages on all cores, with a progress bar on a terminal.
 fn run_built_in(stages: &[(Slot, &str)]) -> Vec<Report> {
-    let style = ProgressStyle::with_template("{bar:40} {pos} of {len} stages, {elapsed}");
-    let bar = ProgressBar::new(stages.len() as u64).with_style(style.unwrap_or_else(|_| ProgressStyle::default_bar()));
+    let bar = progress_bar(stages.len() as u64, "{bar:40} {pos} of {len} stages, {elapsed}");
     bar.tick();
     let reports = stages.par_iter().filter_map(|(slot, name)| {
         let report = conformance::run(*slot, name);

@@ -12,14 +12,16 @@ use control::{ControlError, ControlRequest, ServiceStatus, SwapReport, SwapReque
 use graph::Topic;
 use launch::{Service, StageConfig};
 use messages::Difference;
+use serde::Serialize;
 use supervisor::LastRun;
 
 use crate::{
+    duration::duration,
     failure::fail,
     remote,
     stdout::{self, print},
     system::SystemArgs,
-    topics::{LateTopic, StopCondition, duration, observer},
+    topics::{LateTopic, StopCondition, observer},
 };
 
 /// Interval between two printed differences of a shadow.
@@ -33,9 +35,10 @@ const CANCEL_TIMEOUT: Duration = Duration::from_secs(5);
 Examples:
   plumb swap fuser vqf
   plumb swap fuser madgwick-improved --set beta_1_s=0.5
-  plumb swap fuser vqf --remote alpha --connect quic/192.168.1.5:7447 --keys keys/operator.ann
+  plumb swap fuser vqf --remote alpha --connect quic/base:7447 --keys keys/ann
 
-Exit codes: 0 committed, 1 rejected or aborted (the old stage stays), 2 wrong usage.")]
+Exit codes: 0 committed, 1 rejected or aborted (the old stage stays), 2 wrong
+usage.")]
 pub(crate) struct Swap {
     /// Slot: gyro, accel, fuser or course
     slot: String,
@@ -52,13 +55,13 @@ pub(crate) struct Swap {
 #[derive(Args)]
 #[command(after_help = "\
 Examples:
-  plumb shadow fuser aided                    # until Ctrl-C or plumb swap fuser aided
-  plumb shadow fuser wz-closed --set time_constant_s=2 --for 60 --json")]
+  plumb shadow fuser aided        # until Ctrl-C or plumb swap fuser aided
+  plumb shadow fuser wz-closed --set time_constant_s=2 --for 1m --json")]
 pub(crate) struct Shadow {
     #[command(flatten)]
     swap: Swap,
-    /// Duration, s [default: until Ctrl-C or a swap to the same stage]
-    #[arg(long = "for", value_name = "SECONDS", value_parser = duration)]
+    /// Duration [default: until Ctrl-C or a swap to the same stage]
+    #[arg(long = "for", value_name = "TIME", value_parser = duration)]
     duration: Option<Duration>,
 }
 
@@ -134,6 +137,12 @@ fn with_last_run(error: &ControlError) -> String {
     }
 }
 
+/// Status of each service, for `--json`.
+#[derive(Serialize)]
+struct Services {
+    services: Vec<ServiceStatus>,
+}
+
 /// Prints the status of each service.
 pub(crate) fn ps(system: SystemArgs) -> ExitCode {
     let result = match system.remote() {
@@ -145,7 +154,7 @@ pub(crate) fn ps(system: SystemArgs) -> ExitCode {
             .map_err(|error| (with_last_run(&error), 1)),
     };
     match result {
-        Ok(services) if system.json() => print(&serde_json::to_string(&services).unwrap_or_default()),
+        Ok(services) if system.json() => print(&serde_json::to_string(&Services { services }).unwrap_or_default()),
         Ok(services) => {
             let line = |one: &ServiceStatus| {
                 let ServiceStatus { service, stage, state, pid, restarts, epoch, ticks, lost, address, .. } = one;

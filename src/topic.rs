@@ -13,12 +13,12 @@ use observe::{
 };
 
 use crate::{
+    duration::duration,
     failure::fail,
+    notice::notice,
     stdout::{print, print_item},
     system::SystemArgs,
-    topics::{
-        ObserveError, OnMessage, POLL_INTERVAL, StopCondition, TopicSource, TopicView, duration, frame::DisplayFrame,
-    },
+    topics::{ObserveError, OnMessage, POLL_INTERVAL, StopCondition, TopicSource, TopicView, frame::DisplayFrame},
 };
 
 /// Default time over which rates are measured.
@@ -32,14 +32,14 @@ pub(crate) enum TopicCommand {
     #[command(after_help = "\
 Examples:
   plumb topic list
-  plumb topic list --seconds 5 --json
-  plumb topic list --remote alpha --connect quic/192.168.1.5:7447 --keys keys/viewer.wall")]
+  plumb topic list --for 5s --json
+  plumb topic list --remote alpha --connect quic/base:7447 --keys keys/wall")]
     List {
         #[command(flatten)]
         system: SystemArgs,
-        /// Time over which rates are measured, s [default: 1]
-        #[arg(long, value_parser = duration)]
-        seconds: Option<Duration>,
+        /// Time over which rates are measured, such as 500ms [default: 1s]
+        #[arg(long = "for", value_name = "TIME", value_parser = duration)]
+        duration: Option<Duration>,
     },
     /// Show a topic's fields, units, fingerprint and ports
     #[command(after_help = "\
@@ -63,14 +63,14 @@ Examples:
     /// Measure rate, intervals, jitter and losses of a topic
     #[command(after_help = "\
 Examples:
-  plumb topic hz imu --seconds 10
-  plumb topic hz attitude --remote alpha --connect quic/192.168.1.5:7447 --keys keys/viewer.wall")]
+  plumb topic hz imu --for 10s
+  plumb topic hz attitude --remote alpha --connect quic/base:7447")]
     Hz(TopicArgs),
     /// Measure the bandwidth of a topic in bytes per second
     #[command(after_help = "\
 Examples:
   plumb topic bw imu
-  plumb topic bw attitude --seconds 10 --json")]
+  plumb topic bw attitude --for 10s --json")]
     Bw(TopicArgs),
 }
 
@@ -84,14 +84,14 @@ pub(crate) struct TopicArgs {
     /// Number of messages before stopping, at least 1 [default: unlimited]
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(1..))]
     count: Option<u64>,
-    /// Time before stopping, s [default: 1 for info, else until Ctrl-C]
-    #[arg(long, value_parser = duration)]
-    seconds: Option<Duration>,
+    /// Time before stopping [default: 1s for info, else until Ctrl-C]
+    #[arg(long = "for", value_name = "TIME", value_parser = duration)]
+    duration: Option<Duration>,
 }
 
 pub(crate) fn run(command: TopicCommand) -> ExitCode {
     let result = match command {
-        TopicCommand::List { system, seconds } => list(&system, seconds),
+        TopicCommand::List { system, duration } => list(&system, duration),
         TopicCommand::Info(args) => info(&args),
         TopicCommand::Echo { args, every } => echo(&args, every),
         TopicCommand::Hz(args) => print_rate(&args, FlowReport::rate_line),
@@ -100,13 +100,13 @@ pub(crate) fn run(command: TopicCommand) -> ExitCode {
     result.unwrap_or_else(|error| fail(&error, error.exit_code()))
 }
 
-fn list(system: &SystemArgs, seconds: Option<Duration>) -> Result<ExitCode, ObserveError> {
+fn list(system: &SystemArgs, duration: Option<Duration>) -> Result<ExitCode, ObserveError> {
     let source = TopicSource::open(system, "topic list")?;
     let views = source.open_all()?;
     let topics =
-        observe(views, StopCondition::new(|| source.is_running(), Some(seconds.unwrap_or(DEFAULT_RATE_PERIOD))))?;
+        observe(views, StopCondition::new(|| source.is_running(), Some(duration.unwrap_or(DEFAULT_RATE_PERIOD))))?;
     if system.json() {
-        return Ok(print(&serde_json::Value::from_iter(topics.iter().map(TopicInfo::to_json))));
+        return Ok(print(&serde_json::json!({ "topics": topics.iter().map(TopicInfo::to_json).collect::<Vec<_>>() })));
     }
     let mut lines: Vec<_> =
         [TopicInfo::table_header()].into_iter().chain(topics.iter().map(TopicInfo::to_row)).collect();
@@ -116,10 +116,10 @@ fn list(system: &SystemArgs, seconds: Option<Duration>) -> Result<ExitCode, Obse
     Ok(print(&lines.join("\n")))
 }
 
-fn info(TopicArgs { topic, system, seconds, .. }: &TopicArgs) -> Result<ExitCode, ObserveError> {
+fn info(TopicArgs { topic, system, duration, .. }: &TopicArgs) -> Result<ExitCode, ObserveError> {
     let source = TopicSource::open(system, "topic info")?;
     let view = source.open_topic(topic)?;
-    let stop = StopCondition::new(|| source.is_running(), Some(seconds.unwrap_or(DEFAULT_RATE_PERIOD)));
+    let stop = StopCondition::new(|| source.is_running(), Some(duration.unwrap_or(DEFAULT_RATE_PERIOD)));
     Ok(match observe(vec![view], stop)?.first() {
         Some(topic) if system.json() => print(&topic.to_json_with_layout()),
         Some(topic) => print(topic),
@@ -160,7 +160,7 @@ fn echo(args: &TopicArgs, every: u64) -> Result<ExitCode, ObserveError> {
     if let ControlFlow::Break(code) = printed {
         return Ok(code);
     }
-    supervisor::announce(format_args!("{}: {report}", args.topic));
+    notice(format_args!("{}: {report}", args.topic));
     Ok(ExitCode::SUCCESS)
 }
 
@@ -187,7 +187,7 @@ fn print_rate(args: &TopicArgs, line: impl Fn(&FlowReport) -> String) -> Result<
 ///
 /// `on_poll` is called with the flow before each poll, but not with the final flow.
 fn follow_topic(
-    TopicArgs { topic, system, seconds, .. }: &TopicArgs,
+    TopicArgs { topic, system, duration, .. }: &TopicArgs,
     messages: Option<u64>,
     observer_name: &str,
     on_message: &mut OnMessage<'_>,
@@ -195,7 +195,7 @@ fn follow_topic(
 ) -> Result<FlowReport, ObserveError> {
     let source = TopicSource::open(system, observer_name)?;
     let mut view = source.open_topic(topic)?;
-    let mut stop = StopCondition::new(|| source.is_running(), *seconds);
+    let mut stop = StopCondition::new(|| source.is_running(), *duration);
     let (mut left, mut wanted) = (messages.unwrap_or(u64::MAX), true);
     while wanted && left > 0 && !stop.is_met() && on_poll(&view.flow) {
         std::thread::sleep(POLL_INTERVAL);
@@ -206,7 +206,7 @@ fn follow_topic(
         })?;
     }
     if stop.system_ended() {
-        supervisor::announce(source.end_message(system));
+        notice(source.end_message(system));
     }
     Ok(view.flow.report())
 }

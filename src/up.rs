@@ -3,6 +3,7 @@
 use std::{
     path::{Path, PathBuf},
     process::ExitCode,
+    time::Duration,
 };
 
 use clap::Args;
@@ -15,31 +16,40 @@ use supervisor::{Report, Request};
 use crate::{
     absent::absent_services,
     detached,
-    duration::duration_s,
+    duration::duration,
     failure::{fail, fail_after_result},
     import::{ReadOptions, ReadableFile, SensorNumbers},
+    notice::{is_quiet, notice},
     replay,
     stage::read_launch,
     stdout::print,
 };
 
 /// Arguments of `plumb up`.
-#[derive(Args, Default)]
+#[derive(Args)]
 #[command(after_help = "\
 Examples:
   plumb up --detach                           # until `plumb down`
-  plumb up --source 'serial:/dev/ttyUSB0?format=witmotion&baud=115200&rate_hz=200' --record flights
+  plumb up --source 'serial:/dev/ttyUSB0?format=witmotion&rate_hz=200'
   plumb up --replay flight.ulg --speed max --out attitude.csv
 
-SOURCE is KIND:TARGET?key=value&key=value with the kinds sim, stdin, udp, tcp, serial, mavlink, iio
-and the keys of the kind's section in the launch file (docs/how-to/sensors.md). A path such as
-/dev/ttyUSB0 is a serial port. `plumb detect` prints the source of a connected sensor.
-RECEIVER is such as serial:/dev/ttyACM0?format=nmea&baud=9600, with keys of [ingest.receiver].
-A replay reads CSV, CSV.gz, PX4 ULog, ArduPilot log, tlog, MCAP or a ROS 2 bag. A flight of --record is
-replayed bit for bit in one process, with its own launch file unless LAUNCH is given.")]
+SOURCE is KIND:TARGET?key=value&key=value with the kinds sim, stdin, udp, tcp,
+serial, mavlink, iio and the keys of the kind's section in the launch file
+(docs/how-to/sensors.md). A path such as /dev/ttyUSB0 is a serial port. `plumb
+detect` prints the source of a connected sensor.
+
+RECEIVER is such as serial:/dev/ttyACM0?format=nmea&baud=9600, with keys of
+[ingest.receiver].
+
+A replay reads CSV, CSV.gz, PX4 ULog, ArduPilot log, tlog, MCAP or a ROS 2 bag.
+A flight of --record is replayed bit for bit in one process, with its own launch
+file unless one is given.")]
 pub(crate) struct Up {
     /// Launch file [default: ./launch.toml, else the built-in one]
     launch: Option<PathBuf>,
+    /// Launch file, like the argument LAUNCH
+    #[arg(long = "launch", value_name = "FILE", conflicts_with = "launch")]
+    launch_option: Option<PathBuf>,
     /// Source instead of the launch file's, such as sim:s1?seed=2
     #[arg(long, value_name = "SOURCE", conflicts_with = "replay")]
     source: Option<String>,
@@ -53,13 +63,13 @@ pub(crate) struct Up {
     #[arg(long, value_name = "X|max", value_parser = pace)]
     speed: Option<Pace>,
     /// Source time to run, such as 500ms, 10s, 2m or 1h [default: all]
-    #[arg(long = "for", value_name = "TIME", value_parser = duration_s)]
-    duration_s: Option<f64>,
+    #[arg(long = "for", value_name = "TIME", value_parser = duration)]
+    duration: Option<Duration>,
     /// Run all slots in this process, without the bus
     #[arg(long)]
     in_process: bool,
     /// CSV of t_s,qw,qx,qy,qz per tick, in the [output] frame; - is stdout
-    #[arg(long, value_name = "FILE.csv")]
+    #[arg(long, short, value_name = "FILE.csv")]
     out: Option<PathBuf>,
     /// More columns of --out: uvz, angles, course, bias, sd, flags or all
     #[arg(long, value_name = "COLUMNS", value_delimiter = ',', value_parser = parse_columns, requires = "out")]
@@ -91,11 +101,12 @@ pub(crate) struct Up {
 pub(crate) fn run(up: Up) -> ExitCode {
     let Up {
         launch,
+        launch_option,
         source,
         receiver,
         replay,
         speed,
-        duration_s,
+        duration,
         in_process,
         out,
         columns,
@@ -108,6 +119,7 @@ pub(crate) fn run(up: Up) -> ExitCode {
         reading,
         sensors,
     } = up;
+    let launch = launch.or(launch_option);
     if json && out.as_deref() == Some(Path::new(STANDARD_OUTPUT)) {
         return fail(&"--json and `--out -` both write to standard output; write the attitudes to a file", 2);
     }
@@ -137,7 +149,7 @@ pub(crate) fn run(up: Up) -> ExitCode {
         replay,
         imported,
         pace: speed,
-        duration_s,
+        duration_s: duration.map(|duration| duration.as_secs_f64()),
         in_process,
         out,
         columns,
@@ -145,6 +157,7 @@ pub(crate) fn run(up: Up) -> ExitCode {
         cold,
         publish_readings: readings,
         absent_services: absent_services(),
+        quiet: is_quiet(),
     };
     let report = report(request, &reading, sensors, trust_programs);
     let printed = if json { print(&report.to_json()) } else { ExitCode::SUCCESS };
@@ -189,7 +202,7 @@ fn report(mut request: Request, reading: &ReadOptions, sensors: SensorNumbers, t
     };
     match result {
         Ok(report) => {
-            supervisor::announce(&report);
+            notice(&report);
             report
         }
         Err(error) => Report::from_error(&error, error.exit_code()),

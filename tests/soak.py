@@ -200,7 +200,7 @@ class Soak:
         return next((s["address"] for s in self.services() if s["service"] == "gateway"), None)
 
     def services(self):
-        return self.query("ps") or []
+        return (self.query("ps") or {}).get("services", [])
 
     def pid(self, service):
         return next((s["pid"] for s in self.services() if s["service"] == service), 0)

@@ -4,15 +4,15 @@ use std::time::{Duration, Instant};
 
 use bridges::{
     datagrams::{DatagramError, DatagramSender, Endpoint},
-    mavlink::{AUTOPILOT_COMPONENT_ID, HeartbeatStatus, MavlinkAttitude, MavlinkEncoder},
+    mavlink::{HeartbeatStatus, MavlinkAttitude, MavlinkEncoder, MavlinkPosition, ONBOARD_COMPUTER_COMPONENT_ID},
     validity,
 };
 use clap::Args;
 use launch::TopicRate;
-use messages::{AttitudeOutput, ImuSample};
+use messages::{AttitudeOutput, GnssFix, ImuSample};
 use runtime::{clock::monotonic_ns, decimator::Decimator};
 
-use super::sender::{AttitudeSender, BridgeArgs, BridgeError, SendCounts, rate_hz};
+use super::sender::{AttitudeSender, BridgeArgs, BridgeError, Inputs, SendCounts, rate_hz};
 
 /// Interval between two heartbeats.
 const HEARTBEAT_INTERVAL: Duration = Duration::from_secs(1);
@@ -23,12 +23,13 @@ const SILENCE_TIMEOUT: Duration = Duration::from_secs(1);
 #[derive(Args)]
 #[command(after_help = "\
 Examples:
-  plumb bridge mavlink                        # to QGroundControl on this machine
+  plumb bridge mavlink --component-id 1       # a vehicle in QGroundControl
   plumb bridge mavlink --to udpout:192.168.1.9:14550 --rate-hz 20
-  plumb bridge mavlink --system-id 7 --component-id 191 --for 10s
+  plumb bridge mavlink --system-id 7 --for 10s   # in system 7, next to its autopilot
 
-Sends HEARTBEAT, ATTITUDE_QUATERNION and ATTITUDE. Component 1 is shown as a vehicle; next to
-an autopilot use the autopilot's system id and component 191 (docs/how-to/bridges.md).")]
+Sends HEARTBEAT, ATTITUDE_QUATERNION, ATTITUDE, ODOMETRY and, for each fix with
+a position, GLOBAL_POSITION_INT. Only component 1 is shown as a vehicle
+(docs/how-to/bridges.md).")]
 pub(crate) struct Mavlink {
     #[command(flatten)]
     pub(super) args: BridgeArgs,
@@ -38,11 +39,11 @@ pub(crate) struct Mavlink {
     /// Attitudes per second of source time, Hz, 0.1 to 1000
     #[arg(long, value_name = "HZ", default_value_t = 50.0, value_parser = rate_hz)]
     rate_hz: f64,
-    /// MAVLink system id
+    /// MAVLink system id, that of the autopilot if there is one
     #[arg(long, value_name = "1…255", default_value_t = 1, value_parser = clap::value_parser!(u8).range(1..))]
     system_id: u8,
-    /// MAVLink component id: 1 for a vehicle, 191 for an onboard computer
-    #[arg(long, value_name = "1…255", default_value_t = AUTOPILOT_COMPONENT_ID, value_parser = clap::value_parser!(u8).range(1..))]
+    /// MAVLink component id: 191 for an onboard computer, 1 for a vehicle
+    #[arg(long, value_name = "1…255", default_value_t = ONBOARD_COMPUTER_COMPONENT_ID, value_parser = clap::value_parser!(u8).range(1..))]
     component_id: u8,
 }
 
@@ -50,7 +51,7 @@ impl Mavlink {
     pub(super) fn run(&self) -> Result<SendCounts, BridgeError> {
         let observer = self.args.attach()?;
         let mut sender = MavlinkSender::open(self)?;
-        self.args.forward(&observer, false, &mut sender)?;
+        self.args.forward(&observer, Inputs { fixes: true, ..Inputs::default() }, &mut sender)?;
         Ok(sender.counts)
     }
 }
@@ -61,7 +62,10 @@ struct MavlinkSender {
     datagrams: DatagramSender,
     decimator: Decimator,
     last_heartbeat: Option<Instant>,
-    last_attitude: Option<Instant>,
+    /// Newest attitude sent, and the time of sending.
+    last_attitude: Option<(MavlinkAttitude, Instant)>,
+    /// Altitude of the first fix sent, m.
+    first_altitude_m: Option<f64>,
     counts: SendCounts,
 }
 
@@ -73,7 +77,8 @@ impl MavlinkSender {
             decimator: Decimator::new(TopicRate::Hz(mavlink.rate_hz)),
             last_heartbeat: None,
             last_attitude: None,
-            counts: SendCounts { heartbeats: Some(0), ..SendCounts::default() },
+            first_altitude_m: None,
+            counts: SendCounts { heartbeats: Some(0), fixes: Some(0), ..SendCounts::default() },
         })
     }
 }
@@ -87,11 +92,26 @@ impl AttitudeSender for MavlinkSender {
             return self.counts.withhold(why);
         }
         let attitude = MavlinkAttitude::new(output);
-        for frame in [self.speaker.attitude_quaternion(&attitude), self.speaker.attitude(&attitude)] {
+        let speaker = &mut self.speaker;
+        let frames = [speaker.attitude_quaternion(&attitude), speaker.attitude(&attitude), speaker.odometry(&attitude)];
+        for frame in frames {
             self.counts.dropped += u64::from(!self.datagrams.send(&frame));
         }
         self.counts.attitudes += 1;
-        self.last_attitude = Some(Instant::now());
+        self.last_attitude = Some((attitude, Instant::now()));
+    }
+
+    fn send_fix(&mut self, fix: &GnssFix) {
+        let recent = self.last_attitude.as_ref().filter(|(_, sent)| sent.elapsed() < SILENCE_TIMEOUT);
+        let attitude = recent.map(|(attitude, _)| attitude);
+        let Some(position) = MavlinkPosition::new(fix, self.first_altitude_m, attitude) else { return };
+        if let Err(why) = validity::check_age(&fix.header, monotonic_ns()) {
+            return self.counts.withhold(why);
+        }
+        self.first_altitude_m.get_or_insert(fix.altitude_m);
+        let frame = self.speaker.global_position(&position);
+        self.counts.dropped += u64::from(!self.datagrams.send(&frame));
+        self.counts.fixes.iter_mut().for_each(|fixes| *fixes += 1);
     }
 
     /// Sends a heartbeat if one is due.
@@ -102,9 +122,9 @@ impl AttitudeSender for MavlinkSender {
         // A late heartbeat does not delay the next one, unless it is late by a whole interval.
         let due = self.last_heartbeat.map(|last_heartbeat| last_heartbeat + HEARTBEAT_INTERVAL);
         self.last_heartbeat = due.filter(|due| due.elapsed() < HEARTBEAT_INTERVAL).or_else(|| Some(Instant::now()));
-        let condition = match self.last_attitude {
+        let condition = match &self.last_attitude {
             None => HeartbeatStatus::Starting,
-            Some(last_attitude) if last_attitude.elapsed() < SILENCE_TIMEOUT => HeartbeatStatus::Active,
+            Some((_, sent)) if sent.elapsed() < SILENCE_TIMEOUT => HeartbeatStatus::Active,
             Some(_) => HeartbeatStatus::Silent,
         };
         let frame = self.speaker.heartbeat(condition);

@@ -6,6 +6,8 @@ mod ros;
 #[cfg(feature = "network")]
 mod ros_sensor;
 mod sender;
+#[cfg(feature = "network")]
+mod status_poller;
 
 use std::process::ExitCode;
 
@@ -19,7 +21,7 @@ use sender::print_counts;
 pub(crate) enum Bridge {
     /// Send the attitude as MAVLink 2 over UDP
     Mavlink(mavlink::Mavlink),
-    /// Publish the attitude as sensor_msgs/msg/Imu over rmw_zenoh
+    /// Publish Imu, MagneticField, /tf and /diagnostics over rmw_zenoh
     Ros(ros::Ros),
     /// Feed ROS 2 IMU topics (rmw_zenoh) to a system with source = "bus"
     RosSensor(ros_sensor::RosSensor),

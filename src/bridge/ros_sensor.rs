@@ -9,7 +9,7 @@ use import::ros_messages::{self, Imu};
 use serde::Serialize;
 
 use super::{
-    ros::MAX_DOMAIN,
+    ros::{MAX_DOMAIN, open_router_link},
     sender::{BridgeArgs, BridgeError, print_counts},
 };
 use crate::{system::EndpointArgs, topics::StopCondition};
@@ -64,7 +64,7 @@ impl RosSensor {
         let observer = self.args.attach()?;
         // Fails immediately if the system does not receive its readings from the bus.
         let mut sensor = Sensor::open(&self.args.system.name())?;
-        let link = self.endpoint.endpoint().open_as_client()?;
+        let link = open_router_link(&self.endpoint)?;
         let node = Node::new(self.domain, &link.identity().0);
         let imu = link.subscribe(&node.topic_key_any_hash(&self.topic, MessageType::Imu))?;
         let mag = self
@@ -80,7 +80,7 @@ impl RosSensor {
             tokens.push(link.declare_liveliness(&node.subscription_token(2, topic, MessageType::MagneticField))?);
         }
         let mut counts = SensorCounts::default();
-        let mut stop = StopCondition::new(|| observer.is_running(), self.args.duration_s.map(Duration::from_secs_f64));
+        let mut stop = StopCondition::new(|| observer.is_running(), self.args.duration);
         while !stop.is_met() {
             let Some(arrival) = imu.next(RECEIVE_TIMEOUT).filter(|arrival| arrival.is_present) else { continue };
             // The newest field is forwarded once, with the next reading.

@@ -8,13 +8,13 @@ use clap::Args;
 use control::{ControlError, ControlRequest, send_request};
 use driver::DriverError;
 use graph::Topic;
-use messages::{AttitudeOutput, ImuSample};
+use messages::{AttitudeOutput, GnssFix, ImuSample, MagSample, Ticked};
 use runtime::{ServiceConfig, service_config::FIRST_EPOCH};
 use serde::Serialize;
 use swap::ReorderBuffer;
 
 use crate::{
-    duration::duration_s,
+    duration::duration,
     failure::fail,
     remote::RemoteError,
     stdout::print,
@@ -31,8 +31,8 @@ pub(super) struct BridgeArgs {
     #[command(flatten)]
     pub(super) system: LocalSystemArgs,
     /// Time before stopping, such as 500ms, 10s or 1h [default: unlimited]
-    #[arg(long = "for", value_name = "TIME", value_parser = duration_s)]
-    pub(super) duration_s: Option<f64>,
+    #[arg(long = "for", value_name = "TIME", value_parser = duration)]
+    pub(super) duration: Option<Duration>,
 }
 
 /// Error of a bridge.
@@ -49,9 +49,23 @@ pub(super) enum BridgeError {
     #[cfg(feature = "network")]
     #[error(transparent)]
     Link(#[from] link::LinkError),
+    /// No session with a router of rmw_zenoh.
+    #[cfg(feature = "network")]
+    #[error("no rmw_zenoh router: {cause}\n{START_ROUTER}, or set its endpoint with --connect")]
+    NoRouter { cause: link::LinkError },
+    /// The endpoint accepts sessions, but is not a router.
+    #[cfg(feature = "network")]
+    #[error(
+        "no rmw_zenoh router: {endpoints} is not a router, but for instance the gateway of a system\n{START_ROUTER} before `plumb up`, or set its endpoint with --connect"
+    )]
+    NotARouter { endpoints: String },
     #[error(transparent)]
     Driver(#[from] DriverError),
 }
+
+/// Command that starts the router of rmw_zenoh.
+#[cfg(feature = "network")]
+pub(super) const START_ROUTER: &str = "start it with `ros2 run rmw_zenoh_cpp rmw_zenohd`";
 
 impl BridgeError {
     pub(super) fn exit_code(&self) -> u8 {
@@ -77,9 +91,48 @@ pub(super) trait AttitudeSender {
     /// Sends an attitude. Called once per tick, in tick order. `sample` is the sample of the same
     /// tick, if samples are read.
     fn send(&mut self, output: &AttitudeOutput, sample: Option<&ImuSample>);
+    /// Sends a magnetic field, if fields are read.
+    fn send_field(&mut self, _field: &MagSample) {}
+    /// Sends a fix, if fixes are read.
+    fn send_fix(&mut self, _fix: &GnssFix) {}
     /// Does periodic work, such as sending a heartbeat. Called several times a second, after all
     /// available attitudes have been sent.
     fn poll(&mut self);
+}
+
+/// Inputs of the system that a bridge reads in addition to the attitude.
+#[derive(Debug, Clone, Copy, Default)]
+pub(super) struct Inputs {
+    pub(super) samples: bool,
+    pub(super) fields: bool,
+    pub(super) fixes: bool,
+}
+
+/// Topic that has a message only for some ticks.
+struct AidingTopic {
+    late: LateTopic,
+    next_tick: u64,
+}
+
+impl AidingTopic {
+    fn new(topic: Topic) -> Self {
+        Self { late: LateTopic::new(topic), next_tick: 0 }
+    }
+
+    /// Passes new messages to `on_message`, in tick order and without those that a restarted
+    /// service published again.
+    fn drain<M: Ticked>(&mut self, observer: &Observer, on_message: &mut dyn FnMut(&M)) -> Result<(), BusError> {
+        let Self { late, next_tick } = self;
+        let Some(tap) = late.tap(observer)? else { return Ok(()) };
+        tap.drain(&mut |bytes| {
+            let message = bytemuck::try_pod_read_unaligned::<M>(bytes).ok();
+            if let Some(message) = message.filter(|message| message.header().tick >= *next_tick) {
+                *next_tick = message.header().tick + 1;
+                on_message(&message);
+            }
+        })?;
+        Ok(())
+    }
 }
 
 /// Counts of attitudes sent and withheld, and of messages dropped.
@@ -90,12 +143,21 @@ pub(super) struct SendCounts {
     /// Number of heartbeats sent; `None` if the protocol has none.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub(super) heartbeats: Option<u64>,
+    /// Number of magnetic fields sent; `None` if the bridge sends none.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub(super) fields: Option<u64>,
+    /// Number of fixes sent; `None` if the bridge sends none.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub(super) fixes: Option<u64>,
+    /// Number of diagnostic messages sent; `None` if the bridge sends none.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub(super) diagnostics: Option<u64>,
     /// Number of attitudes not sent because they were flagged as not aligned yet.
     pub(super) unaligned: u64,
     /// Number of attitudes not sent because they were not finite rotations or lacked a required
     /// sample.
     pub(super) invalid: u64,
-    /// Number of attitudes not sent because they were too old.
+    /// Number of attitudes, fields and fixes not sent because they were too old.
     pub(super) stale: u64,
     /// Number of messages not accepted by the network.
     pub(super) dropped: u64,
@@ -120,15 +182,17 @@ impl BridgeArgs {
     pub(super) fn forward(
         &self,
         observer: &Observer,
-        with_samples: bool,
+        inputs: Inputs,
         sender: &mut dyn AttitudeSender,
     ) -> Result<(), BridgeError> {
         let config = send_request::<ServiceConfig>(&self.system.name(), &ControlRequest::ServiceConfig)?;
         let mut reorder_buffer = ReorderBuffer::with_unknown_start(FIRST_EPOCH, config.lateness_ticks() / 2);
-        let mut stop = StopCondition::new(|| observer.is_running(), self.duration_s.map(Duration::from_secs_f64));
-        let mut taps = (with_samples.then(|| LateTopic::new(Topic::Imu)), LateTopic::new(Topic::Attitude));
+        let mut stop = StopCondition::new(|| observer.is_running(), self.duration);
+        let mut taps = (inputs.samples.then(|| LateTopic::new(Topic::Imu)), LateTopic::new(Topic::Attitude));
+        let mut fields = inputs.fields.then(|| AidingTopic::new(Topic::Mag));
+        let mut fixes = inputs.fixes.then(|| AidingTopic::new(Topic::Gnss));
         let (mut samples, mut arrived, mut is_joined) =
-            (VecDeque::<ImuSample>::new(), Vec::<AttitudeOutput>::new(), !with_samples);
+            (VecDeque::<ImuSample>::new(), Vec::<AttitudeOutput>::new(), !inputs.samples);
         while !stop.is_met() {
             if let Some(tap) = taps.1.tap(observer)? {
                 tap.drain(&mut |bytes| arrived.extend(bytemuck::try_pod_read_unaligned::<AttitudeOutput>(bytes)))?;
@@ -152,6 +216,12 @@ impl BridgeArgs {
                     }
                 });
             }
+            if let Some(fields) = &mut fields {
+                fields.drain(observer, &mut |field| sender.send_field(field))?;
+            }
+            if let Some(fixes) = &mut fixes {
+                fixes.drain(observer, &mut |fix| sender.send_fix(fix))?;
+            }
             sender.poll();
             thread::sleep(POLL_INTERVAL);
         }
@@ -161,12 +231,20 @@ impl BridgeArgs {
 
 impl fmt::Display for SendCounts {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let Self { attitudes, heartbeats, unaligned, invalid, stale, dropped } = self;
+        let Self { attitudes, heartbeats, fields, fixes, diagnostics, unaligned, invalid, stale, dropped } = self;
         write!(f, "{attitudes} attitudes sent")?;
-        heartbeats.iter().try_for_each(|beats| write!(f, ", {beats} heartbeats"))?;
-        let withheld = [(unaligned, "unaligned"), (invalid, "invalid"), (stale, "stale")];
+        let also_sent = [
+            (heartbeats, "heartbeats"),
+            (fields, "magnetic fields"),
+            (fixes, "fixes"),
+            (diagnostics, "diagnostic messages"),
+        ];
+        for (count, what) in also_sent.into_iter().filter_map(|(count, what)| Some(((*count)?, what))) {
+            write!(f, ", {count} {what}")?;
+        }
+        let withheld = [(unaligned, "unaligned attitudes"), (invalid, "invalid attitudes"), (stale, "stale messages")];
         for (count, what) in withheld.into_iter().filter(|(count, _)| **count > 0) {
-            write!(f, ", {count} {what} attitudes not sent")?;
+            write!(f, ", {count} {what} not sent")?;
         }
         if *dropped > 0 {
             write!(f, "; {dropped} messages dropped by the network")?;

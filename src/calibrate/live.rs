@@ -9,11 +9,13 @@ use ::calibrate::{Calibrator, Kind, Prior, Rejection, Report};
 use bus::{BusError, Observer, Tap};
 use control::{ControlError, ControlRequest, send_request};
 use graph::Topic;
-use indicatif::{ProgressBar, ProgressStyle};
 use observe::readings::{self, ReadingsError};
 use runtime::ServiceConfig;
 
-use crate::topics::{POLL_INTERVAL, StopCondition, observer};
+use crate::{
+    notice::{notice, progress_bar},
+    topics::{POLL_INTERVAL, StopCondition, observer},
+};
 
 /// Default time limit.
 const DEFAULT_TIMEOUT: Duration = Duration::from_secs(300);
@@ -47,19 +49,19 @@ pub(super) fn calibrate_system(
     kind: Kind,
     mut known: Prior,
     system: &str,
-    duration_s: Option<f64>,
+    duration: Option<Duration>,
 ) -> Result<Report, LiveError> {
     let observer = observer(system, "calibrate")?;
     let config = send_request::<ServiceConfig>(system, &ControlRequest::ServiceConfig)?;
     readings::apply_system(&mut known, &config).map_err(ReadingsError::from)?;
-    let limit = duration_s.map_or(DEFAULT_TIMEOUT, Duration::from_secs_f64);
+    let limit = duration.unwrap_or(DEFAULT_TIMEOUT);
     let mut stop = StopCondition::new(|| observer.is_running(), Some(limit));
     let topic = readings::readings_topic(&config)?;
     let tap = open_tap(&observer, topic, &mut stop)?;
     let mut calibrator = Calibrator::new(kind, &known);
     let first = calibrator.coverage().missing.into_iter().next().unwrap_or_default();
-    eprintln!("reading sensors of {system:?}; still needed: {first}");
-    let bar = ProgressBar::new(100).with_style(progress_style("{bar:40} {percent:>3} % {wide_msg}"));
+    notice(format_args!("reading sensors of {system:?}; still needed: {first}"));
+    let bar = progress_bar(100, "{bar:40} {percent:>3} % {wide_msg}");
     let (mut updated_at, mut attempted_at) = (Instant::now(), None::<Instant>);
     while !stop.is_met() {
         drain(&tap, topic, &mut calibrator)?;
@@ -102,9 +104,4 @@ fn open_tap(observer: &Observer, topic: Topic, stop: &mut StopCondition<'_>) -> 
 fn drain(tap: &Tap, topic: Topic, calibrator: &mut Calibrator) -> Result<(), BusError> {
     tap.drain(&mut |bytes| readings::decode_sample(topic, bytes).iter().for_each(|sample| calibrator.push(sample)))?;
     Ok(())
-}
-
-/// Returns the style of the progress bar, which is drawn only on a terminal.
-pub(super) fn progress_style(template: &str) -> ProgressStyle {
-    ProgressStyle::with_template(template).unwrap_or_else(|_| ProgressStyle::default_bar())
 }

@@ -2,18 +2,23 @@
 //! as sections of `launch.toml`.
 
 mod live;
+mod plot;
 
 use std::{
+    fmt, io,
     path::{Path, PathBuf},
     process::ExitCode,
+    time::Duration,
 };
 
-use ::calibrate::{Calibrator, Kind, Prior, Rejection, Report};
+use ::calibrate::{
+    Calibrator, Kind, Prior, Rejection, Report,
+    noise::{NoiseCalibrator, NoiseReport},
+};
 use ::import::ImportError;
 use attitude::calibration::CalibrationError;
 use clap::{Args, ValueEnum};
 use flight::{FlightError, read_messages};
-use indicatif::ProgressBar;
 use launch::{EditError, GyroSamples, Launch, LaunchError, write_sections};
 use messages::TakenReading;
 use observe::readings::{apply_calibrations, to_sample};
@@ -22,33 +27,39 @@ use score::{
     ScoreError,
     trial::{Gnss, Trial, TrialOptions},
 };
+use serde::Serialize;
 
 use crate::{
-    duration::duration_s,
+    duration::duration,
     failure::fail,
     import::{ReadOptions, ReadableFile, SensorNumbers},
+    notice::{notice, progress_bar},
     stdout::print,
     system::LocalSystemArgs,
 };
-use live::{LiveError, progress_style};
+use live::LiveError;
 
 /// Arguments of `plumb calibrate`.
 #[derive(Args)]
 #[command(after_help = "\
 Examples:
   plumb calibrate gyro flight.csv
-  plumb calibrate mounting poses.csv --launch launch.toml
   plumb calibrate accel --live --for 10m --write launch.toml
+  plumb calibrate noise rest.csv --plot noise.svg --launch launch.toml
 
-Input: CSV, CSV.gz, PX4 ULog, ArduPilot log, MCAP, ROS 2 bag, a flight of --record, or a
-simulation sim:SCENARIO. Readings are used as measured, before [ingest.calibration] and
-[ingest.mounting]. --launch or --live supplies the existing calibration, on which mounting,
-clock and an accelerometer in motion are based. --live ends when the coverage suffices.
-accel needs a rest with each of the six sides up, or twelve rests in any position to include
-misalignment, or slow rotation by hand.
---write keeps the comments of the file. A running system uses the calibration after a restart.
+Input: CSV, CSV.gz, PX4 ULog, ArduPilot log, MCAP, ROS 2 bag, a flight of
+--record, or a simulation sim:SCENARIO. Readings are used as measured, before
+[ingest.calibration] and [ingest.mounting]. --launch or --live supplies the
+existing calibration, on which mounting, clock and an accelerometer in motion
+are based. --live ends when the coverage suffices. accel needs a rest with each
+of the six sides up, or twelve rests in any position to include misalignment, or
+slow rotation by hand. noise needs a rest of 30 s to hours at a constant rate
+and no --live; it prints parameters of the fuser in --launch or --write. --write
+keeps the comments of the file. A running system uses the calibration after a
+restart.
 
-Exit codes: 0 calibration printed, 1 insufficient readings, 2 wrong usage, 3 invalid input file.")]
+Exit codes: 0 calibration printed, 1 insufficient readings, 2 wrong usage, 3
+invalid input file.")]
 pub(crate) struct Calibrate {
     /// Errors to estimate
     target: CalibrationTarget,
@@ -59,8 +70,8 @@ pub(crate) struct Calibrate {
     #[arg(long)]
     live: bool,
     /// Maximum time of --live, such as 10s or 2m [default: 5m]
-    #[arg(long = "for", value_name = "TIME", value_parser = duration_s, requires = "live")]
-    duration_s: Option<f64>,
+    #[arg(long = "for", value_name = "TIME", value_parser = duration, requires = "live")]
+    duration: Option<Duration>,
     #[command(flatten)]
     system: LocalSystemArgs,
     /// Launch file with the existing [ingest.calibration] [default: none]
@@ -69,6 +80,9 @@ pub(crate) struct Calibrate {
     /// Launch file to change; also read as --launch if that is not given
     #[arg(long, value_name = "FILE")]
     write: Option<PathBuf>,
+    /// SVG file for the Allan deviations of noise
+    #[arg(long, value_name = "FILE")]
+    plot: Option<PathBuf>,
     /// Local gravity, m/s², 9.7 to 9.9 [default: 9.80665]
     #[arg(long, value_name = "M_S2", value_parser = parse_gravity)]
     gravity: Option<f64>,
@@ -94,6 +108,22 @@ enum CalibrationTarget {
     Mounting,
     /// Delay of the magnetometer relative to the gyro, from shaking
     Clock,
+    /// Random walks and bias instability of gyro and accelerometer, from a long rest
+    Noise,
+}
+
+impl CalibrationTarget {
+    /// Returns the kind of sensor errors; `None` for the noise.
+    fn kind(self) -> Option<Kind> {
+        match self {
+            Self::Gyro => Some(Kind::Gyro),
+            Self::Accel => Some(Kind::Accel),
+            Self::Mag => Some(Kind::Mag),
+            Self::Mounting => Some(Kind::Mounting),
+            Self::Clock => Some(Kind::Clock),
+            Self::Noise => None,
+        }
+    }
 }
 
 #[derive(Clone, Copy, ValueEnum)]
@@ -128,6 +158,14 @@ enum CalibrateError {
     Rejected(#[from] Rejection),
     #[error(transparent)]
     Write(#[from] EditError),
+    #[error("--plot draws Allan deviations; use it with `plumb calibrate noise`")]
+    PlotWithoutNoise,
+    #[error(
+        "noise needs a recording of a rest instead of --live; record one with `plumb up --record` and pass the flight"
+    )]
+    LiveNoise,
+    #[error("drawing {}: {cause}; check the folder", foreign::path(file))]
+    Plot { file: PathBuf, cause: io::Error },
 }
 
 impl From<ScoreError> for CalibrateError {
@@ -143,54 +181,131 @@ impl CalibrateError {
             Self::Trial(error) => error.exit_code(),
             Self::Flight(_) | Self::NoReadings { .. } | Self::Launch(_) | Self::Calibration(_) => 3,
             Self::Live(error) => error.exit_code(),
-            Self::Source(_) | Self::Rejected(_) | Self::Write(_) => 1,
+            Self::PlotWithoutNoise | Self::LiveNoise => 2,
+            Self::Source(_) | Self::Rejected(_) | Self::Write(_) | Self::Plot { .. } => 1,
+        }
+    }
+}
+
+/// Collects readings for a calibration.
+enum Collector {
+    Errors(Calibrator),
+    /// Noise, and the fuser that is to have its parameters.
+    Noise(NoiseCalibrator, String),
+}
+
+impl Collector {
+    fn push(&mut self, reading: &Reading) {
+        match self {
+            Self::Errors(calibrator) => calibrator.push(&to_sample(reading)),
+            Self::Noise(calibrator, _) => calibrator.push(&to_sample(reading)),
+        }
+    }
+
+    fn finish(&self) -> Result<Outcome, CalibrateError> {
+        Ok(match self {
+            Self::Errors(calibrator) => Outcome::Errors(calibrator.finish()?),
+            Self::Noise(calibrator, fuser) => Outcome::Noise(calibrator.finish(fuser)?),
+        })
+    }
+}
+
+/// Result of a calibration.
+#[derive(Serialize)]
+#[serde(untagged)]
+enum Outcome {
+    Errors(Report),
+    Noise(NoiseReport),
+}
+
+impl Outcome {
+    /// Returns the section for the launch file; empty if there is nothing to set.
+    fn block(&self) -> &str {
+        match self {
+            Self::Errors(report) => &report.block,
+            Self::Noise(report) => &report.block,
+        }
+    }
+
+    fn summary(&self) -> String {
+        match self {
+            Self::Errors(report) => report.summary(),
+            Self::Noise(report) => report.summary(),
+        }
+    }
+}
+
+impl fmt::Display for Outcome {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Errors(report) => report.fmt(f),
+            Self::Noise(report) => report.fmt(f),
         }
     }
 }
 
 pub(crate) fn run(args: Calibrate) -> ExitCode {
     let (json, write) = (args.system.json, args.write.clone());
-    let report = match calibrate(args) {
-        Ok(report) => report,
+    let outcome = match calibrate(args) {
+        Ok(outcome) => outcome,
         Err(error) => return fail(&error, error.exit_code()),
     };
+    let write = write.filter(|_| !outcome.block().is_empty());
     if let Some(file) = &write {
-        if let Err(error) = write_sections(file, &report.block).map_err(CalibrateError::from) {
-            supervisor::announce(&report);
+        if let Err(error) = write_sections(file, outcome.block()).map_err(CalibrateError::from) {
+            supervisor::announce(&outcome);
             return fail(&error, error.exit_code());
         }
-        supervisor::announce(format_args!("wrote the calibration to {}", foreign::path(file)));
+        notice(format_args!("wrote the calibration to {}", foreign::path(file)));
     }
     match write {
         // Serialising numbers, strings and lists cannot fail.
-        _ if json => print(&serde_json::to_string(&report).unwrap_or_default()),
-        Some(_) => print(&report.summary().trim_end()),
-        None => print(&report),
+        _ if json => print(&serde_json::to_string(&outcome).unwrap_or_default()),
+        Some(_) => print(&outcome.summary().trim_end()),
+        None => print(&outcome),
     }
 }
 
-fn calibrate(args: Calibrate) -> Result<Report, CalibrateError> {
-    let Calibrate { target, file, duration_s, system, launch, write, gravity, field_ut, gyro_samples, reading, .. } =
+fn calibrate(mut args: Calibrate) -> Result<Outcome, CalibrateError> {
+    let plot = args.plot.take();
+    if plot.is_some() && args.target.kind().is_some() {
+        return Err(CalibrateError::PlotWithoutNoise);
+    }
+    let outcome = collect(args)?;
+    if let (Some(file), Outcome::Noise(report)) = (plot, &outcome) {
+        plot::write(&file, report).map_err(|cause| CalibrateError::Plot { file, cause })?;
+    }
+    Ok(outcome)
+}
+
+/// Reads the readings and computes the calibration.
+fn collect(args: Calibrate) -> Result<Outcome, CalibrateError> {
+    let Calibrate { target, file, duration, system, launch, write, gravity, field_ut, gyro_samples, reading, .. } =
         args;
-    let kind = match target {
-        CalibrationTarget::Gyro => Kind::Gyro,
-        CalibrationTarget::Accel => Kind::Accel,
-        CalibrationTarget::Mag => Kind::Mag,
-        CalibrationTarget::Mounting => Kind::Mounting,
-        CalibrationTarget::Clock => Kind::Clock,
-    };
     let mut known = Prior { field_ut, ..Prior::default() };
     known.gravity_m_s2 = gravity.unwrap_or(known.gravity_m_s2);
-    let Some(file) = file else { return Ok(live::calibrate_system(kind, known, &system.name(), duration_s)?) };
-    if let Some(launch) = launch.or(write) {
-        apply_calibrations(&mut known, &Launch::read(&launch)?)?;
+    let Some(file) = file else {
+        let kind = target.kind().ok_or(CalibrateError::LiveNoise)?;
+        return Ok(Outcome::Errors(live::calibrate_system(kind, known, &system.name(), duration)?));
+    };
+    let launch = launch.or(write).map(|file| Launch::read(&file)).transpose()?;
+    if let Some(launch) = &launch {
+        apply_calibrations(&mut known, launch)?;
     }
+    let collector = |known: &Prior| match target.kind() {
+        Some(kind) => Collector::Errors(Calibrator::new(kind, known)),
+        None => Collector::Noise(
+            NoiseCalibrator::default(),
+            launch.as_ref().map_or_else(|| Launch::default().fuser.stage, |launch| launch.fuser.stage.clone()),
+        ),
+    };
     let gyro_samples = gyro_samples.map(|samples| match samples {
         Samples::Means => GyroSamples::Means,
         Samples::Instants => GyroSamples::Instants,
     });
     if flight::is_flight(Path::new(&file)) {
-        return calibrate_flight(kind, known, Path::new(&file), gyro_samples);
+        known.rate_kind = gyro_samples.unwrap_or(GyroSamples::Means).rate_kind();
+        return read_flight(Path::new(&file), collector(&known));
     }
     // An imported recording is a temporary file that is removed on drop, so it is kept until the
     // end of the run.
@@ -201,35 +316,28 @@ fn calibrate(args: Calibrate) -> Result<Report, CalibrateError> {
     let name = readable.as_ref().map_or(file, |readable| readable.path.to_string_lossy().into_owned());
     let trial = Trial::open(&name, &TrialOptions { gnss: Gnss::Off, gyro_samples, ..TrialOptions::default() })?;
     known.rate_kind = trial.gyro_samples.rate_kind();
-    let mut calibrator = Calibrator::new(kind, &known);
-    let bar = ProgressBar::new(trial.rows).with_style(progress_style("{bar:40} {percent:>3} % of {human_len} samples"));
+    let mut collector = collector(&known);
+    let bar = progress_bar(trial.rows, "{bar:40} {percent:>3} % of {human_len} samples");
     for (row, reading) in (1u64..).zip(trial.readings()?) {
-        calibrator.push(&to_sample(&reading?));
+        collector.push(&reading?);
         if row.is_multiple_of(4096) {
             bar.set_position(row);
         }
     }
     bar.finish_and_clear();
-    Ok(calibrator.finish()?)
+    collector.finish()
 }
 
 /// Calibrates from the raw readings recorded in a flight.
-fn calibrate_flight(
-    kind: Kind,
-    mut known: Prior,
-    file: &Path,
-    gyro_samples: Option<GyroSamples>,
-) -> Result<Report, CalibrateError> {
-    known.rate_kind = gyro_samples.unwrap_or(GyroSamples::Means).rate_kind();
-    let mut calibrator = Calibrator::new(kind, &known);
+fn read_flight(file: &Path, mut collector: Collector) -> Result<Outcome, CalibrateError> {
     let mut readings = read_messages::<TakenReading>(file)?.peekable();
     if readings.peek().is_none() {
         return Err(CalibrateError::NoReadings { file: file.into() });
     }
     for taken in readings {
-        calibrator.push(&to_sample(&Reading::from(&taken?)));
+        collector.push(&Reading::from(&taken?));
     }
-    Ok(calibrator.finish()?)
+    collector.finish()
 }
 
 /// Parses the local gravity, m/s², within the range found on Earth.

@@ -17,12 +17,7 @@ use link::Link;
 use observe::tables::{CsvTables, TableError};
 use remote::fleet::{self, FleetMonitor, Vehicles};
 
-use crate::{
-    failure::fail,
-    stdout,
-    system::EndpointArgs,
-    topics::{StopCondition, duration},
-};
+use crate::{duration::duration, failure::fail, stdout, system::EndpointArgs, topics::StopCondition};
 
 /// Interval between two printed tables.
 const SHOW_INTERVAL: Duration = Duration::from_secs(1);
@@ -33,16 +28,16 @@ const SHOW_INTERVAL: Duration = Duration::from_secs(1);
 Examples:
   plumb station
   plumb station --connect quic/192.168.1.5:7447 --keys keys/viewer.wall
-  plumb station --csv tables --seconds 60")]
+  plumb station --csv tables --for 1m")]
 pub(crate) struct Station {
     #[command(flatten)]
     endpoint: EndpointArgs,
     /// Vehicle to show in detail [default: the first]
     #[arg(long)]
     vehicle: Option<String>,
-    /// Time before stopping, s [default: until q or Ctrl-C]
-    #[arg(long, value_name = "SECONDS", value_parser = duration)]
-    seconds: Option<Duration>,
+    /// Time before stopping, such as 10s [default: until q or Ctrl-C]
+    #[arg(long = "for", value_name = "TIME", value_parser = duration)]
+    duration: Option<Duration>,
     /// Folder for a table VEHICLE/TOPIC.csv of each topic
     #[arg(long, value_name = "DIR")]
     csv: Option<PathBuf>,
@@ -69,7 +64,7 @@ pub(crate) fn run(station: &Station) -> ExitCode {
 
 fn monitor_vehicles(station: &Station, link: &Link) -> Result<(Vehicles, ControlFlow<ExitCode>), Box<dyn Error>> {
     let mut monitor = FleetMonitor::open(link, &["*"], station.csv.as_deref().map(CsvTables::new))?;
-    let mut stop = StopCondition::new(|| true, station.seconds);
+    let mut stop = StopCondition::new(|| true, station.duration);
     let printed = if !station.json && !station.lines && Screen::is_available() {
         view::show(&mut monitor, &mut stop, station.vehicle.as_deref())?;
         ControlFlow::Continue(())

@@ -15,6 +15,7 @@ use observed_system::{ObservedSystem, TopError};
 
 use crate::{
     failure::fail,
+    notice::notice,
     stdout,
     topics::{POLL_INTERVAL, StopCondition},
 };
@@ -46,7 +47,7 @@ pub(crate) fn run(command: TopCommand) -> ExitCode {
 
 fn print_lines(command: &TopCommand, observed: ObservedSystem) -> ExitCode {
     let ObservedSystem { observer, mut monitor, name } = observed;
-    let mut stop = StopCondition::new(|| observer.is_running(), command.seconds);
+    let mut stop = StopCondition::new(|| observer.is_running(), command.duration);
     let mut left = command.count.unwrap_or(u64::MAX);
     let mut last = Instant::now();
     while left > 0 && !stop.is_met() {
@@ -69,7 +70,7 @@ fn print_lines(command: &TopCommand, observed: ObservedSystem) -> ExitCode {
         }
     }
     if stop.system_ended() {
-        supervisor::announce(format_args!("system {name:?} has ended"));
+        notice(format_args!("system {name:?} has ended"));
     }
     ExitCode::SUCCESS
 }

@@ -7,30 +7,27 @@ use clap::Args;
 use control::{ControlError, ControlRequest, ServiceStatus, send_request};
 use observe::top::SystemMonitor;
 
-use crate::{
-    system::LocalSystemArgs,
-    topics::{duration, observer},
-};
+use crate::{duration::duration, system::LocalSystemArgs, topics::observer};
 
 /// Arguments of `plumb top`.
 #[derive(Args)]
 #[command(after_help = "\
 Examples:
   plumb top
-  plumb top --interval 0.5 --lines
+  plumb top --interval 500ms --lines
   plumb top --count 10 --json")]
 pub(crate) struct TopCommand {
     #[command(flatten)]
     pub(super) system: LocalSystemArgs,
-    /// Interval between two updates, s, 0.001 to 1e8
-    #[arg(long, value_name = "SECONDS", default_value = "1", value_parser = duration)]
+    /// Interval between two updates, such as 500ms
+    #[arg(long, value_name = "TIME", default_value = "1s", value_parser = duration)]
     pub(super) interval: Duration,
     /// Number of updates before stopping, printed as lines
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(1..))]
     pub(super) count: Option<u64>,
-    /// Time before stopping, s [default: until q or Ctrl-C]
-    #[arg(long, value_parser = duration)]
-    pub(super) seconds: Option<Duration>,
+    /// Time before stopping, such as 10s [default: until q or Ctrl-C]
+    #[arg(long = "for", value_name = "TIME", value_parser = duration)]
+    pub(super) duration: Option<Duration>,
     /// Print updates as lines, also on a terminal
     #[arg(long)]
     pub(super) lines: bool,

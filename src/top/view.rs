@@ -43,7 +43,7 @@ pub(super) fn run(command: &TopCommand, observed: ObservedSystem) -> ExitCode {
 }
 
 fn draw_until_stopped(command: &TopCommand, observed: ObservedSystem) -> Result<(), ViewError> {
-    let mut stop = StopCondition::new(|| true, command.seconds);
+    let mut stop = StopCondition::new(|| true, command.duration);
     let mut view = View::new(&observed.name);
     let mut poller = StatusPoller::start(&observed.name);
     let mut observed = Some(observed);

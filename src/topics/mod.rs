@@ -199,9 +199,3 @@ impl TopicView {
         Ok(topics::TopicInfo { name: self.name.into(), layout: self.layout, ports, flow: self.flow.report() })
     }
 }
-
-/// Parses a duration in seconds.
-pub(crate) fn duration(text: &str) -> Result<Duration, String> {
-    let seconds = text.parse().ok().filter(|seconds| (1e-3..=1e8).contains(seconds));
-    seconds.map(Duration::from_secs_f64).ok_or_else(|| "expected a number of seconds from 0.001 to 100000000".into())
-}

@@ -22,11 +22,7 @@ use flight::reader;
 use launch::{Cockpit, CockpitTls, Service};
 
 use crate::{
-    failure::fail,
-    remote::RemoteError,
-    stdout::print,
-    system::EndpointArgs,
-    topics::{StopCondition, duration},
+    duration::duration, failure::fail, remote::RemoteError, stdout::print, system::EndpointArgs, topics::StopCondition,
 };
 
 /// Interval between two checks of the stop condition.
@@ -38,7 +34,7 @@ const POLL_INTERVAL: Duration = Duration::from_millis(50);
 Examples:
   plumb view
   plumb view flights/alpha-20261123T050708Z.mcap
-  plumb view --remote boat --connect quic/base.example:7447 --keys keys/operator.ann")]
+  plumb view --remote boat --connect quic/base:7447 --keys keys/operator.ann")]
 pub(crate) struct View {
     /// Recorded flight (MCAP) instead of a running system
     #[arg(conflicts_with_all = ["name", "remote"])]
@@ -60,9 +56,9 @@ pub(crate) struct View {
     /// Print a read-only address, which cannot send commands
     #[arg(long)]
     viewer: bool,
-    /// Time before stopping, s [default: until Ctrl-C]
-    #[arg(long, value_parser = duration)]
-    seconds: Option<Duration>,
+    /// Time before stopping, such as 10s [default: until Ctrl-C]
+    #[arg(long = "for", value_name = "TIME", value_parser = duration)]
+    duration: Option<Duration>,
 }
 
 /// Error of `plumb view`.
@@ -126,7 +122,7 @@ fn show_system(view: &View) -> Result<ExitCode, ViewError> {
     let vehicle_view = VehicleView { system: name.clone(), hub: hub.clone(), target: Some(target.clone()) };
     server.start(site(vehicle_view, Some(tokens), None))?;
     let printed = print(&url);
-    let mut stop = StopCondition::new(|| true, view.seconds);
+    let mut stop = StopCondition::new(|| true, view.duration);
     let mut source = LocalSystem::new(&name);
     let Ok(()) =
         cockpit::publish_source(&mut source, target, &hub, &mut |_| Ok::<_, std::convert::Infallible>(!stop.is_met()));
@@ -189,7 +185,7 @@ fn site(
 
 /// Waits until the time limit is reached or a signal arrives.
 fn wait_until_stopped(view: &View) {
-    let mut stop = StopCondition::new(|| true, view.seconds);
+    let mut stop = StopCondition::new(|| true, view.duration);
     while !stop.is_met() {
         std::thread::sleep(POLL_INTERVAL);
     }

@@ -106,7 +106,7 @@ fn broad(folder: &Path) -> (String, String) {
     (exact, raw)
 }
 
-#[test]
+#[recorded::test]
 fn pasted_calibration_restores_accuracy() {
     let Some(data) = data() else { return };
     let system = System::new("");
@@ -216,6 +216,110 @@ fn low_coverage_is_rejected_with_missing_poses() {
     assert_eq!(calibrate(&["gyro", &five, "--live"]).status.code(), Some(2));
 }
 
+/// Returns a recording of two minutes at 50 Hz from a unit at rest with white noise of the gyro,
+/// 0.05 °/√s, and of the accelerometer, 0.002 m/s/√s. The unit is moved from 60 to 62 s.
+fn noisy_rest() -> String {
+    let mut text = String::from(HEADER);
+    // Numbers of a linear congruential generator, uniform from −√3 to √3.
+    let mut state = 1u64;
+    let mut noise = || {
+        state = 16_807 * state % 2_147_483_647;
+        3f64.sqrt() * (2.0 * state as f64 / 2_147_483_647.0 - 1.0)
+    };
+    for row in 0..6000 {
+        let t_s = f64::from(row) * 0.02;
+        let motion = if (60.0..62.0).contains(&t_s) { (9.0 * t_s).sin() } else { 0.0 };
+        let [p, q, r] = [0; 3].map(|_| 0.05f64.to_radians() * 50f64.sqrt() * noise() + motion);
+        let [x, y, z] = [0; 3].map(|_| 0.002 * 50f64.sqrt() * noise());
+        writeln!(text, "{t_s:.2},{p},{q},{r},{x},{y},{}", z + 9.806_65).unwrap();
+    }
+    text
+}
+
+#[test]
+fn noise_at_rest_is_measured_drawn_and_written() {
+    let system = System::new("");
+    let recording = write_file(&system, "rest.csv", &noisy_rest());
+    let figure = system.path("noise.svg");
+    let report = calibrated(&["noise", &recording, "--plot", figure.to_str().unwrap()]);
+    for (sensor, truth) in [(0, 0.05), (1, 0.002)] {
+        for axis in 0..3 {
+            let found = report.pointer(&format!("/sensors/{sensor}/axes/{axis}")).unwrap();
+            let value = found["random_walk"]["value"].as_f64().unwrap();
+            assert!((value / truth - 1.0).abs() < 0.2, "{found}");
+            assert_eq!(found["bias_walk"]["result"], "not_determined", "{found}");
+        }
+    }
+    let svg = fs::read_to_string(&figure).unwrap();
+    for words in ["Allan deviation at rest", "τ, s", "gyro, °/s", "accelerometer, m/s²", ">\n10\n<"] {
+        assert!(svg.contains(words), "no {words:?} in {svg}");
+    }
+
+    let launch = write_file(
+        &system,
+        "mine.toml",
+        "# my unit\n[fuser] # best\nstage = \"multiple-model\"\nset = { wind_m_s = 3 }\n",
+    );
+    let output = calibrate(&["noise", &recording, "--write", &launch]);
+    let stdout = String::from_utf8(output.stdout).unwrap();
+    assert_eq!(output.status.code(), Some(0), "{}", String::from_utf8_lossy(&output.stderr));
+    for words in [
+        "noise: 2 rests, ",
+        "at 50.0 Hz; intervals of 68 % confidence",
+        "gyro angle random walk, °/√s",
+        "not determined (below ",
+        " minutes",
+        "motion at 60 to ",
+        "on gyro x, limit ",
+        "used only the rests at 0 to 59 s, ",
+    ] {
+        assert!(stdout.contains(words), "no {words:?} in:\n{stdout}");
+    }
+    let text = fs::read_to_string(&launch).unwrap();
+    assert!(text.starts_with("# my unit\n[fuser] # best\n") && text.contains("wind_m_s = 3"), "{text}");
+    for name in ["level_noise_deg_sqrt_s = 0.04", "gyro_noise_deg_sqrt_s = 0.04", "accel_noise_m_s_sqrt_s = 0.00"] {
+        assert!(text.contains(name), "no {name:?} in {text}");
+    }
+    assert!(plumb(&["config", "check", &launch]).output().unwrap().status.success());
+
+    // The stage of the launch file determines the parameters.
+    let vqf = write_file(&system, "vqf.toml", "[fuser]\nstage = \"vqf\"\n");
+    let output = calibrate(&["noise", &recording, "--write", &vqf]);
+    let shown = String::from_utf8_lossy(&output.stdout).into_owned() + &String::from_utf8_lossy(&output.stderr);
+    assert!(shown.contains("the fuser vqf has no parameter for noise") && !shown.contains("wrote"), "{shown}");
+    assert_eq!(fs::read_to_string(&vqf).unwrap(), "[fuser]\nstage = \"vqf\"\n");
+}
+
+#[test]
+fn noise_is_rejected_in_motion_and_from_a_system() {
+    let system = System::new("");
+    let moved = write_file(&system, "moved.csv", &resting(&SIX));
+    assert_fails(&["noise", &moved], 1, &["0 rests", "30.0 s of rest", "rest instead of motion at ", "limit "]);
+    assert_fails(&["noise", "sim:s1?duration_s=40"], 1, &["rest instead of motion"]);
+    assert_fails(&["noise", "--live"], 2, &["recording of a rest", "plumb up --record"]);
+    assert_fails(&["gyro", &moved, "--plot", "a.svg"], 2, &["plumb calibrate noise"]);
+    let rest = write_file(&system, "rest.csv", &noisy_rest());
+    let nowhere = system.path("nowhere/noise.svg");
+    assert_fails(&["noise", &rest, "--plot", nowhere.to_str().unwrap()], 1, &["nowhere/noise.svg", "check the folder"]);
+}
+
+#[recorded::test]
+fn noise_of_a_real_unit_at_rest_is_plausible() {
+    let Some(data) = data() else { return };
+    let log = data.join("logs/px4_sample.ulg");
+    let report = calibrated(&["noise", log.to_str().unwrap()]);
+    // A minute determines the random walk of some axes, and limits that of the others.
+    let white = |sensor: usize, axis: usize| {
+        let found = report.pointer(&format!("/sensors/{sensor}/axes/{axis}/random_walk")).unwrap();
+        found["value"].as_f64().or(found["below"].as_f64()).unwrap()
+    };
+    for axis in 0..3 {
+        assert!((0.002..0.01).contains(&white(0, axis)) && (0.0005..0.005).contains(&white(1, axis)), "{report}");
+    }
+    assert!(report["rests"][0]["start_s"].as_f64().unwrap() > 8.0, "{report}");
+    assert!(report["notes"][0].as_str().unwrap().starts_with("motion at 2 to 8 s"), "{report}");
+}
+
 /// Runs `test` while a unit at rest writes samples to standard input faster than in real time.
 fn with_live_sensor<T>(running: &mut Running, test: impl FnOnce(&Running) -> T) -> T {
     /// Stops the sensor when the test returns or panics.
@@ -278,7 +382,7 @@ fn running_system_is_calibrated_with_progress_bar() {
         let ended = ended.stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap();
         // The observer installs its signal handlers before it subscribes to the topic.
         wait_for("the observer", || {
-            let about = ["topic", "info", "sensor", "--seconds", "0.05", "--json", "--system", &system.name];
+            let about = ["topic", "info", "sensor", "--for", "0.05", "--json", "--system", &system.name];
             let info = String::from_utf8(plumb(&about).output().unwrap().stdout).unwrap();
             info.contains(&format!("{}", ended.id()))
         });

@@ -95,6 +95,17 @@ fn every_command_has_examples_that_parse() {
 }
 
 #[test]
+fn help_fits_a_terminal_of_80_columns() {
+    visit_commands(&plumbline::command_line(), "plumb", &mut |path, _| {
+        let words = path.split(' ').chain(["--help"]);
+        let help = plumbline::command_line().try_get_matches_from(words).unwrap_err().to_string();
+        for line in help.lines() {
+            assert!(line.chars().count() <= 80, "{path}: {line}");
+        }
+    });
+}
+
+#[test]
 fn shell_words_handles_quotes_and_comments() {
     assert_eq!(
         shell_words("  plumb up --source 'sim:s1?seed=2'  # a comment"),

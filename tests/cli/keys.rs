@@ -22,7 +22,7 @@ fn keys_prints_written_files_and_destination() {
     assert!(text.contains("authority.key stays here") && text.contains("router/router.json5"), "{text}");
 
     let vehicle = keys(folder.path(), &["vehicle", "alpha", "--days", "40", "--json"]);
-    let written = &json(&vehicle)[0];
+    let written = &json(&vehicle)["written"][0];
     assert_eq!((&written["name"], &written["copy_to"]), (&"vehicle.alpha".into(), &"/etc/plumbline/keys".into()));
     for file in written["files"].as_array().unwrap() {
         assert!(Path::new(file.as_str().unwrap()).is_file(), "{file}");
@@ -30,7 +30,7 @@ fn keys_prints_written_files_and_destination() {
     let configuration = std::fs::read_to_string(folder.path().join("vehicle.alpha/vehicle.json5")).unwrap();
     assert!(configuration.contains(r#"["quic/10.0.0.1:7447", "quic/router.example.net:7447"]"#));
 
-    let listed = json(&keys(folder.path(), &["list", "--json"]));
+    let listed = json(&keys(folder.path(), &["list", "--json"]))["holders"].clone();
     let names: Vec<_> = listed.as_array().unwrap().iter().map(|holder| holder["name"].as_str().unwrap()).collect();
     assert_eq!(names, ["plumbline authority", "router", "vehicle.alpha"]);
     assert_eq!(listed[2]["days_left"], 39);
@@ -49,7 +49,7 @@ fn keys_lists_imports_and_rejects_unknown_vehicles() {
         let output = keys(folder.path(), arguments);
         assert_eq!(output.status.code(), Some(code), "{arguments:?}: {}", String::from_utf8_lossy(&output.stderr));
     }
-    let imports = || json(&keys(folder.path(), &["list", "--json"]))[2]["imports"].clone();
+    let imports = || json(&keys(folder.path(), &["list", "--json"]))["holders"][2]["imports"].clone();
     assert_eq!(imports(), serde_json::json!(["vehicle.board"]));
     let text = String::from_utf8(keys(folder.path(), &["list"]).stdout).unwrap();
     assert!(text.contains("imports ticks of vehicle.board"), "{text}");

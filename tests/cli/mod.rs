@@ -9,6 +9,7 @@ mod manual;
 mod observers;
 mod output;
 mod resources;
+mod settings;
 mod terminal;
 mod up;
 mod warnings;

@@ -66,8 +66,8 @@ fn stderr_text(output: &Output) -> String {
 
 /// Returns `true` if every service is running.
 fn is_running(system: &System) -> bool {
-    let ps = run_json(system, &["ps"]);
-    lines(&ps).first().is_some_and(|all| all.as_array().unwrap().iter().all(|one| one["state"] == "running"))
+    let services = system.ps();
+    !services.is_empty() && services.iter().all(|one| one["state"] == "running")
 }
 
 /// Starts a system and waits until it publishes attitudes.
@@ -75,8 +75,7 @@ fn start_system(system: &System, arguments: &[&str]) -> Running {
     let running = system.start(arguments);
     let publishes = |hz: &Output| lines(hz).iter().any(|hz| hz["messages"] == 2);
     wait_for("attitudes", || {
-        publishes(&run_json(system, &["topic", "hz", "attitude", "--count", "2", "--seconds", "0.2"]))
-            && is_running(system)
+        publishes(&run_json(system, &["topic", "hz", "attitude", "--count", "2", "--for", "0.2"])) && is_running(system)
     });
     running
 }
@@ -105,7 +104,7 @@ impl Observer {
     /// Waits until the observer subscribes to the topic.
     fn wait_until_reading(&self, system: &System, topic: &str) {
         wait_for("the observer to subscribe", || {
-            let info = query(system, &["topic", "info", topic, "--seconds", "0.01"]);
+            let info = query(system, &["topic", "info", topic, "--for", "0.01"]);
             info["subscribers"].as_array().unwrap().iter().any(|port| port["pid"] == self.pid())
         });
     }
@@ -140,10 +139,10 @@ fn every_command_shows_the_running_system() {
     let published: Vec<_> = Service::PATH.iter().map(|service| service.output().unwrap().name()).collect();
     let list = query_until(&system, &["topic", "list"], |list| {
         let mut topics =
-            list.as_array().unwrap().iter().filter(|one| published.contains(&one["topic"].as_str().unwrap()));
+            list["topics"].as_array().unwrap().iter().filter(|one| published.contains(&one["topic"].as_str().unwrap()));
         topics.all(is_at_rate)
     });
-    let topics = list.as_array().unwrap();
+    let topics = list["topics"].as_array().unwrap();
     for topic in published.iter().copied() {
         let one = topics.iter().find(|one| one["topic"] == topic).unwrap_or_else(|| panic!("no {topic}"));
         assert_eq!(one["type"], layout(topic).name);
@@ -176,7 +175,7 @@ fn every_command_shows_the_running_system() {
     assert_eq!(names, expected);
     assert_eq!(messages[0]["flags"], serde_json::json!(["rate-instant"]));
 
-    let hz = query_until(&system, &["topic", "hz", "attitude", "--seconds", "1"], is_at_rate);
+    let hz = query_until(&system, &["topic", "hz", "attitude", "--for", "1"], is_at_rate);
     assert_eq!((hz["lost"].as_u64(), hz["measured_by"].as_str()), (Some(0), Some("sent")));
     let interval = |name| number(&hz["interval_ms"], name);
     assert!(0.0 <= interval("min") && interval("min") <= interval("mean") && interval("mean") <= interval("max"));
@@ -185,7 +184,7 @@ fn every_command_shows_the_running_system() {
     assert_eq!(bw["messages"], 500);
     assert!((number(&bw, "bytes_per_s") / number(&bw, "rate_hz") - 224.0).abs() < 1e-6, "{bw}");
 
-    let snapshots = lines_until(&system, &["top", "--count", "2", "--interval", "0.5"], |snapshots| {
+    let snapshots = lines_until(&system, &["top", "--count", "2", "--interval", "500ms"], |snapshots| {
         let rows = |snapshot: &Value| snapshot["services"].as_array().unwrap()[..5].to_vec();
         snapshots.iter().flat_map(rows).all(|one| one["state"] == "running" && is_at_rate(&one))
     });
@@ -205,7 +204,7 @@ fn every_command_shows_the_running_system() {
         assert!(number(&snapshot["latency_us"], "p50") > 0.0, "{snapshot}");
     }
 
-    let doctor = query_until(&system, &["doctor", "--seconds", "1"], |doctor| {
+    let doctor = query_until(&system, &["doctor", "--for", "1"], |doctor| {
         doctor["checks"].as_array().unwrap().iter().all(|check| check["result"] != "problem")
     });
     let checks = doctor["checks"].as_array().unwrap();
@@ -225,7 +224,7 @@ fn rate_is_shown_every_second_and_at_the_end() {
     let system = System::new("");
     let running = start_system(&system, &[]);
     for verb in ["hz", "bw"] {
-        let output = plumb(&["topic", verb, "attitude", "--seconds", "2", "--system", &system.name]).output().unwrap();
+        let output = plumb(&["topic", verb, "attitude", "--for", "2", "--system", &system.name]).output().unwrap();
         let printed = String::from_utf8(output.stdout).unwrap();
         let lines: Vec<_> = printed.lines().collect();
         assert!((1..=2).contains(&lines.len()) && lines.iter().all(|line| line.starts_with("attitude: ")), "{printed}");
@@ -430,10 +429,10 @@ fn doctor_removes_leftovers_of_killed_system() {
         run_json(&living, arguments)
     };
     wait_for("doctor to find the observer's leftovers", || {
-        leftovers(&after_an_observer(&["doctor", "--seconds", "0.1"]))["result"] == "warning"
+        leftovers(&after_an_observer(&["doctor", "--for", "0.1"]))["result"] == "warning"
     });
     wait_for("doctor to remove the observer's leftovers", || {
-        let fixed = after_an_observer(&["doctor", "--fix", "--seconds", "1"]);
+        let fixed = after_an_observer(&["doctor", "--fix", "--for", "1"]);
         fixed.status.success() && leftovers(&fixed)["found"].as_str().unwrap().ends_with("removed")
     });
     running.interrupt();
@@ -457,7 +456,7 @@ fn doctor_checks_sensors_at_rest() {
         let system = System::new("");
         let recording = write_rest_recording(&system, force);
         let running = start_system(&system, &["--replay", recording.to_str().unwrap(), "--speed", "1"]);
-        let output = run_json(&system, &["doctor", "--seconds", "1.5"]);
+        let output = run_json(&system, &["doctor", "--for", "1.5"]);
         let [doctor] = lines(&output).try_into().unwrap();
         let checks = doctor["checks"].as_array().unwrap();
         let named = |name: &str| checks.iter().find(|check| check["check"] == name).unwrap();

@@ -64,7 +64,7 @@ fn open_file_limit_is_raised_or_reported() {
 
     let running = system.start(&[]);
     system.wait_until_running();
-    let topic_list = plumb(&["topic", "list", "--system", &system.name, "--seconds", "0.1"]);
+    let topic_list = plumb(&["topic", "list", "--system", &system.name, "--for", "0.1"]);
     let rejected = after_shell("ulimit -n 30", &topic_list).output().unwrap();
     assert_eq!(rejected.status.code(), Some(1));
     assert_message(&stderr_text(&rejected), &["only 30 are allowed", "ulimit -n 4096"]);

@@ -120,7 +120,7 @@ fn top_restores_terminal_after_signal() {
         wait_for("the terminal to be restored", || terminal.is_restored());
         assert!(!is_alive(terminal.child.id()));
     }
-    let mut terminal = top(&system, &["--seconds", "0.5"], (24, 80));
+    let mut terminal = top(&system, &["--for", "0.5"], (24, 80));
     assert_eq!(terminal.wait_for_exit().code(), Some(0));
     wait_for("the terminal to be restored", || terminal.is_restored());
     running.interrupt();
@@ -131,7 +131,7 @@ fn top_restores_terminal_after_signal() {
 fn top_prints_lines_on_request_or_dumb_terminal() {
     let system = System::new("");
     let running = start_system(&system);
-    let arguments = ["top", "--system", &system.name, "--interval", "0.2", "--seconds", "1.5"];
+    let arguments = ["top", "--system", &system.name, "--interval", "0.2", "--for", "1.5"];
     let mut dumb = plumb(&arguments);
     dumb.env("TERM", "dumb");
     let with_lines = plumb(&[&arguments[..], &["--lines"]].concat());

@@ -144,7 +144,7 @@ fn plausible_input_yields_no_warning() {
 
 /// Returns the doctor's input checks for a running system.
 fn doctor_input_checks(system: &System, seconds: &str) -> Vec<Value> {
-    let output = plumb(&["doctor", "--json", "--seconds", seconds, "--system", &system.name]).output().unwrap();
+    let output = plumb(&["doctor", "--json", "--for", seconds, "--system", &system.name]).output().unwrap();
     let doctor: Value = serde_json::from_slice(&output.stdout).unwrap();
     let checks = doctor["checks"].as_array().unwrap();
     checks.iter().filter(|check| check["check"] == "input").cloned().collect()

@@ -123,7 +123,7 @@ fn python_client_receives_60_attitudes_per_second() {
     assert!(narrow["messages"].as_u64() > Some(10), "{narrow}");
 }
 
-#[test]
+#[recorded::test]
 fn receiver_position_is_published_as_location() {
     let (Some(python), Some(data)) = (python(), data()) else { return };
     let (system, port) = with_cockpit("");

@@ -97,7 +97,7 @@ fn non_loopback_address_requires_valid_certificate() {
     let view = |more: &[&str]| -> Output {
         let listen = format!("0.0.0.0:{}", free_port());
         let state = site.holder_folder("state");
-        let mut command = plumb(&["view", "--seconds", "1", "--listen", &listen]);
+        let mut command = plumb(&["view", "--for", "1", "--listen", &listen]);
         command.args(more).env("XDG_STATE_HOME", state).env_remove("STATE_DIRECTORY").output().unwrap()
     };
     let stderr = |output: &Output| String::from_utf8_lossy(&output.stderr).into_owned();

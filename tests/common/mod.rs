@@ -41,6 +41,13 @@ pub(crate) struct Run {
 /// Services of the data path.
 const PATH: &str = r#"["ingest", "gyro", "accel", "fuser", "course"]"#;
 
+/// Returns the services that `plumb ps` prints, or an empty list if the system does not respond.
+pub(crate) fn services(system: &str) -> Vec<Value> {
+    let output = plumb(&["ps", "--json", "--system", system]).output().unwrap();
+    let status: Value = serde_json::from_slice(&output.stdout).unwrap_or_default();
+    status["services"].as_array().cloned().unwrap_or_default()
+}
+
 impl System {
     /// Creates a system with a unique name and the launch file `text`.
     ///
@@ -124,8 +131,7 @@ impl System {
 
     /// Returns the status of the services, or an empty list if the system does not respond.
     pub(crate) fn ps(&self) -> Vec<Value> {
-        let output = plumb(&["ps", "--json", "--system", &self.name]).output().unwrap();
-        serde_json::from_slice(&output.stdout).unwrap_or_default()
+        services(&self.name)
     }
 
     /// Requests a swap and returns the report.

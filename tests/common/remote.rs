@@ -26,8 +26,7 @@ pub(crate) fn with_gateway(port: u16, more: &str) -> System {
 }
 
 pub(crate) fn ps(system: &System) -> Vec<Value> {
-    let output = plumb(&["ps", "--json", "--system", &system.name]).output().unwrap();
-    serde_json::from_slice(&output.stdout).unwrap_or_default()
+    system.ps()
 }
 
 /// Returns the gateway's entry in the output of `plumb ps`.

@@ -21,7 +21,7 @@ use super::{
     markdown::{self, Block},
     root,
 };
-use crate::common::{Run, Running, System, data, plumb, python::python, signal, wait_for};
+use crate::common::{Run, Running, System, data, python::python, signal, wait_for};
 use rustix::process::Signal;
 
 #[derive(PartialEq)]
@@ -110,8 +110,8 @@ impl Scratch {
             ("--remote plumbline", format!("--remote {name} --connect {own}")),
             ("plumb station", format!("plumb station --connect {own}")),
             // Shorter durations.
-            ("--seconds 10", "--seconds 1".into()),
-            ("--seconds 60", "--seconds 2".into()),
+            ("--for 10s", "--for 1s".into()),
+            ("--for 1m", "--for 2s".into()),
             // Placeholder paths, which a reader of the documentation has to replace.
             ("/path/to/plumbline", root.display().to_string()),
             ("/etc/plumbline/launch.toml", "launch.toml".into()),
@@ -216,7 +216,7 @@ impl Scratch {
         let stderr = self.system.path("stderr.txt");
         let mut child = child.stderr(File::create(&stderr).unwrap()).spawn().unwrap();
         let mut stdout = BufReader::new(child.stdout.take().unwrap());
-        let is_unlimited = begins(UNLIMITED) && !command.contains("--seconds");
+        let is_unlimited = begins(UNLIMITED) && !command.contains("--for");
         let mut printed = if is_unlimited { first_line_then_interrupt(&mut child, &mut stdout) } else { String::new() };
         stdout.read_to_string(&mut printed).unwrap();
         let (status, messages) = (child.wait().unwrap(), fs::read_to_string(stderr).unwrap());
@@ -271,8 +271,7 @@ fn first_line_then_interrupt(child: &mut Child, stdout: &mut BufReader<ChildStdo
 
 /// Returns the services of a system; empty if it does not respond.
 fn services(name: &str) -> Vec<serde_json::Value> {
-    let output = plumb(&["ps", "--json", "--system", name]).output().unwrap();
-    serde_json::from_slice(&output.stdout).unwrap_or_default()
+    crate::common::services(name)
 }
 
 /// Returns the lines of a score table and the lines below it, without the time per update, which

@@ -96,7 +96,7 @@ pub(super) const NOT_EXAMPLES: &[(&str, &str)] = &[
 pub(super) const FOLDERS_WITHOUT_EXAMPLES: &[(&str, &str)] =
     &[("crates/sdk/templates/", "contains placeholders; tested by `own_stage`")];
 
-/// Beginnings of commands that run until they are interrupted, unless `--seconds` limits them.
+/// Beginnings of commands that run until they are interrupted, unless `--for` limits them.
 pub(super) const UNLIMITED: &[&str] =
     &["plumb station", "plumb shadow", "plumb top", "plumb topic echo", "plumb topic hz", "plumb topic bw"];
 

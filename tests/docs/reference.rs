@@ -82,34 +82,10 @@ fn render_command(command: &Command, path: &[&str], rows: &mut Vec<[String; 2]>,
     let about = command.get_about().map(ToString::to_string).unwrap_or_default();
     rows.push([format!("[{name}](#{})", path.join("-")), about]);
     let help = plumbline::command_line().try_get_matches_from(path.iter().chain(&["--help"])).unwrap_err().to_string();
-    let help: Vec<_> = help.trim_end().lines().map(wrap_help_line).collect();
-    *sections += &format!("\n## {name}\n\n```text\n{}\n```\n", help.join("\n"));
+    *sections += &format!("\n## {name}\n\n```text\n{}\n```\n", help.trim_end());
     for subcommand in command.get_subcommands().filter(|subcommand| !subcommand.is_hide_set()) {
         render_command(subcommand, &[path, &[subcommand.get_name()]].concat(), rows, sections);
     }
-}
-
-/// Wraps a line of a help text to [`MAX_COLUMNS`], with the indentation of the description.
-fn wrap_help_line(line: &str) -> String {
-    let line = line.trim_end();
-    let start = line.len() - line.trim_start().len();
-    let gap = line[start..].find("  ").map(|gap| start + gap);
-    let description = gap.map(|gap| gap + line[gap..].len() - line[gap..].trim_start().len());
-    let indentation = description.filter(|column| *column < MAX_COLUMNS / 2).unwrap_or(start);
-    let (first, rest) = line.split_at(indentation);
-    let (mut wrapped, mut columns) = (first.to_owned(), indentation);
-    for (index, word) in rest.split(' ').enumerate() {
-        let length = word.chars().count() + usize::from(index > 0);
-        if index > 0 && columns + length > MAX_COLUMNS {
-            wrapped += &format!("\n{}{word}", " ".repeat(indentation));
-            columns = indentation + length - 1;
-        } else {
-            wrapped += if index > 0 { " " } else { "" };
-            wrapped += word;
-            columns += length;
-        }
-    }
-    wrapped
 }
 
 fn stages() -> String {
@@ -265,7 +241,4 @@ fn metrics_chapter_lists_every_metric() {
 fn long_lines_are_wrapped() {
     let word = "x".repeat(30);
     assert_eq!(wrap(&format!("{word} {word}\n {word} {word}")), format!("{word} {word} {word}\n{word}"));
-    let line = format!("      --option  {word} {word} {word}");
-    assert_eq!(wrap_help_line(&line), format!("      --option  {word} {word}\n                {word}"));
-    assert_eq!(wrap_help_line("  plumb up  # x"), "  plumb up  # x");
 }

@@ -1,6 +1,7 @@
-"""Ground station based on pymavlink: PORT COUNT.
+"""Ground station based on pymavlink: PORT COUNT [POSITIONS].
 
-Prints `ready`, receives COUNT attitudes and prints `received`. Then it reads the path of an
+Prints `ready`, receives COUNT attitudes and prints `received`. With a third argument, it also waits
+for that number of positions. Then it reads the path of an
 attitude file (written by `plumb up --out`: east-north-up, right-forward-up) from standard input and
 prints the differences as one line of JSON.
 """
@@ -14,11 +15,12 @@ from pymavlink import mavutil
 from pymavlink.rotmat import Matrix3, Vector3
 
 port, count = int(sys.argv[1]), int(sys.argv[2])
+wanted_positions = int(sys.argv[3]) if len(sys.argv) > 3 else 0
 link = mavutil.mavlink_connection(f"udpin:127.0.0.1:{port}", dialect="common")
 print("ready", flush=True)
 
-heartbeats, quaternions, angles, numbers = [], {}, {}, []
-while min(len(quaternions), len(angles)) < count or len(heartbeats) < 3:
+heartbeats, quaternions, angles, odometry, positions, numbers = [], {}, {}, {}, [], []
+while min(len(quaternions), len(angles), len(odometry)) < count or len(heartbeats) < 3 or len(positions) < wanted_positions:
     message = link.recv_match(blocking=True, timeout=60)
     if message is None:
         break
@@ -30,6 +32,10 @@ while min(len(quaternions), len(angles)) < count or len(heartbeats) < 3:
         quaternions[message.time_boot_ms] = message
     elif kind == "ATTITUDE":
         angles[message.time_boot_ms] = message
+    elif kind == "ODOMETRY":
+        odometry[message.time_usec // 1000] = message
+    elif kind == "GLOBAL_POSITION_INT":
+        positions.append(message.to_dict())
 print("received", flush=True)
 
 
@@ -77,10 +83,25 @@ for t in times:
         rate_errors.append(max((rate - Vector3(m.rollspeed, m.pitchspeed, m.yawspeed)).length() for m in (q, a)))
     differences = {name: max(differences[name], found[name]) for name in differences}
 
+# The messages of an attitude are equal where they have the same fields.
+ROTATION_VARIANCES = (15, 18, 20)
+unequal = [
+    t for t, o in odometry.items()
+    if (q := quaternions.get(t)) and (tuple(o.q), o.rollspeed, o.pitchspeed, o.yawspeed) != ((q.q1, q.q2, q.q3, q.q4), q.rollspeed, q.pitchspeed, q.yawspeed)
+]
+unknown = all(
+    math.isnan(number)
+    for o in odometry.values()
+    for number in (o.x, o.y, o.z, o.vx, o.vy, o.vz, *o.velocity_covariance, *(c for i, c in enumerate(o.pose_covariance) if i not in ROTATION_VARIANCES))
+)
+variances = all(o.pose_covariance[i] > 0 for o in odometry.values() for i in ROTATION_VARIANCES)
+
 lost = sum((b - a - 1) % 256 for a, b in zip(numbers, numbers[1:]))
 steps = sorted({b - a for a, b in zip(times, times[1:])})
 print(json.dumps({
     "compared": len(times), "unmatched": len(quaternions) - len(times), "lost": lost, "steps_ms": steps,
+    "odometry": len(odometry), "unequal_odometry": len(unequal), "unknown_is_nan": unknown, "variances": variances,
+    "frames": sorted({(o.frame_id, o.child_frame_id, o.estimator_type, o.quality) for o in odometry.values()}), "positions": positions,
     "heartbeats": heartbeats, "fastest_rad_s": fastest, **differences,
     "rate_rad_s": max(rate_errors, default=None), "usual_rate_rad_s": statistics.median(rate_errors) if rate_errors else None,
 }))

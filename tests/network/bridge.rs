@@ -5,9 +5,15 @@ use std::{
     net::UdpSocket,
     path::Path,
     process::{Child, Command, Stdio},
+    time::Duration,
 };
 
-use crate::common::{System, attitudes, plumb, python::python, remote::free_port, signal, wait_for};
+use crate::common::{
+    System, attitudes, plumb,
+    python::python,
+    remote::{endpoint, free_port, with_gateway},
+    signal, wait_for,
+};
 use rustix::process::Signal;
 use serde_json::{Value, json};
 
@@ -24,6 +30,27 @@ fn bridge(system: &System, port: u16, more: &[&str]) -> Child {
     let to = format!("udpout:127.0.0.1:{port}");
     let mut command = plumb(&["bridge", "mavlink", "--json", "--system", &system.name, "--to", &to]);
     command.args(more).stdout(Stdio::piped()).spawn().unwrap()
+}
+
+/// Starts a program of tests/foreign and waits until it prints `ready`. Returns the function that
+/// reads its next line.
+fn start_foreign(python: &Path, script: &str, arguments: &[&str]) -> (Child, impl FnMut() -> String + use<>) {
+    let script = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/foreign").join(script);
+    let mut command = Command::new(python);
+    command.arg(script).args(arguments).env("MAVLINK20", "1").stdin(Stdio::piped()).stdout(Stdio::piped());
+    let mut program = command.spawn().unwrap();
+    let mut lines = BufReader::new(program.stdout.take().unwrap()).lines();
+    let mut next_line = move || lines.next().expect("the program exited early").unwrap();
+    assert_eq!(next_line(), "ready");
+    (program, next_line)
+}
+
+/// Passes the path of an attitude file to a program of tests/foreign and returns its report.
+fn foreign_report(mut program: Child, out: &Path, mut next_line: impl FnMut() -> String) -> Value {
+    writeln!(program.stdin.take().unwrap(), "{}", out.display()).unwrap();
+    let report = serde_json::from_str(&next_line()).unwrap();
+    assert!(program.wait().unwrap().success());
+    report
 }
 
 /// Waits for a bridge and returns its report.
@@ -43,25 +70,17 @@ fn mavlink_bridge_matches_attitude_file_in_pymavlink() {
     let Some(python) = python() else { return };
     let system = System::new(TUMBLE);
     let port = UdpSocket::bind("127.0.0.1:0").unwrap().local_addr().unwrap().port();
-    let script = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/foreign/ground_station.py");
-    let mut station = Command::new(python);
-    let station = station.arg(script).args([&port.to_string(), "300"]).env("MAVLINK20", "1");
-    let mut station = station.stdin(Stdio::piped()).stdout(Stdio::piped()).spawn().unwrap();
-    let mut lines = BufReader::new(station.stdout.take().unwrap()).lines();
-    let mut next_line = move || lines.next().expect("the station exited early").unwrap();
-    assert_eq!(next_line(), "ready");
+    let (station, mut next_line) = start_foreign(python, "ground_station.py", &[&port.to_string(), "300"]);
 
     let out = system.path("out.csv");
     let running = system.start(&["--out", out.to_str().unwrap()]);
     system.wait_until_running();
-    let bridge = bridge(&system, port, &["--rate-hz", "100", "--system-id", "7", "--component-id", "191"]);
+    let bridge = bridge(&system, port, &["--rate-hz", "100", "--system-id", "7"]);
     assert_eq!(next_line(), "received");
     system.stop_and_assert_undisturbed(running, &out, TUMBLE);
     let sent = final_report(bridge);
-    writeln!(station.stdin.take().unwrap(), "{}", out.display()).unwrap();
-    let report: Value = serde_json::from_str(&next_line()).unwrap();
+    let report = foreign_report(station, &out, next_line);
     println!("{sent}\n{report}");
-    assert!(station.wait().unwrap().success());
 
     assert!(report["compared"].as_u64().unwrap() >= 300 && report["lost"] == 0 && report["unmatched"] == 0, "{report}");
     assert_eq!(report["steps_ms"], json!([10]), "100 of 1000 Hz");
@@ -69,6 +88,11 @@ fn mavlink_bridge_matches_attitude_file_in_pymavlink() {
     let companion = |state: u8| json!([7, 191, 18, 8, state]);
     assert!(beats.iter().all(|beat| *beat == companion(ACTIVE) || *beat == companion(BOOT)), "{report}");
     assert!(beats.contains(&companion(ACTIVE)), "{report}");
+    assert!(report["odometry"].as_u64().unwrap() >= 300 && report["unequal_odometry"] == 0, "{report}");
+    assert_eq!((&report["unknown_is_nan"], &report["variances"]), (&json!(true), &json!(true)), "{report}");
+    // MAV_FRAME_LOCAL_FRD, because the course does not refer to true north; MAV_FRAME_BODY_FRD.
+    assert_eq!(report["frames"], json!([[20, 12, 0, 0]]));
+    assert_eq!((&report["positions"], &sent["fixes"]), (&json!([]), &json!(0)), "simulated fixes have no position");
     let number = |name: &str| report[name].as_f64().unwrap();
     assert!(number("quaternion_rad") < 1e-6 && number("angles_rad") < 1e-6, "beyond single precision: {report}");
     // Between two attitudes, the fuser applies corrections in addition to the measured rotation.
@@ -79,43 +103,113 @@ fn mavlink_bridge_matches_attitude_file_in_pymavlink() {
 }
 
 #[test]
+fn mavlink_bridge_sends_fixes_with_position_in_pymavlink() {
+    let Some(python) = python() else { return };
+    let system = System::new("ingest.source = \"bus\"\ningest.bus.rate_hz = 100");
+    let port = UdpSocket::bind("127.0.0.1:0").unwrap().local_addr().unwrap().port();
+    let (station, mut next_line) = start_foreign(python, "ground_station.py", &[&port.to_string(), "20", "3"]);
+
+    let out = system.path("out.csv");
+    let running = system.start(&["--out", out.to_str().unwrap()]);
+    let mut opened = None;
+    wait_for("the system to accept readings", || {
+        opened = driver::Sensor::open(&system.name).ok().zip(driver::Receiver::open(&system.name).ok());
+        opened.is_some()
+    });
+    let (mut sensor, mut receiver) = opened.unwrap();
+    let bridge = bridge(&system, port, &[]);
+    std::thread::scope(|scope| {
+        let received = scope.spawn(|| assert_eq!(next_line(), "received"));
+        let mut fixes = 0;
+        for reading in 0i64.. {
+            if received.is_finished() {
+                break;
+            }
+            if reading % 50 == 0 {
+                let metadata = driver::FixMetadata {
+                    latitude_rad: Some(48.1f64.to_radians()),
+                    longitude_rad: Some(-11.5f64.to_radians()),
+                    altitude_m: Some(520.0 + f64::from(fixes)),
+                    ..driver::FixMetadata::default()
+                };
+                receiver.send([1.0, -2.0, 0.5], metadata).unwrap();
+                fixes += 1;
+            }
+            sensor.send(reading * 10_000_000, [0.0; 3], [0.0, 0.0, 9.81], None).unwrap();
+            std::thread::sleep(Duration::from_millis(10));
+        }
+    });
+    running.interrupt();
+    let run = running.wait();
+    assert_eq!(run.code, Some(0), "{}", run.stderr);
+    let sent = final_report(bridge);
+    let report = foreign_report(station, &out, next_line);
+    println!("{sent}\n{report}");
+
+    let positions = report["positions"].as_array().unwrap();
+    assert!(positions.len() >= 3 && sent["fixes"].as_u64().unwrap() >= 3, "{sent} {report}");
+    let number = |position: &Value, name: &str| position[name].as_i64().unwrap();
+    let first_mm = number(&positions[0], "alt");
+    for position in positions {
+        let found = ["lat", "lon", "vx", "vy", "vz", "hdg"].map(|name| number(position, name));
+        // The heading is unknown, because north is.
+        assert_eq!(found, [481_000_000, -115_000_000, -200, 100, -50, 65_535], "{position}");
+        assert_eq!(number(position, "relative_alt"), number(position, "alt") - first_mm, "{position}");
+    }
+    assert!(number(&positions[2], "relative_alt") >= 2000 && first_mm >= 520_000, "{report}");
+}
+
+#[test]
 fn ros_bridge_matches_attitude_file_in_rosbags() {
     let Some(python) = python() else { return };
     let system = System::new(TUMBLE);
     let port = free_port();
-    let script = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/foreign/ros_node.py");
-    let mut node = Command::new(python);
-    let node = node.arg(script).args([&port.to_string(), "200"]);
-    let mut node = node.stdin(Stdio::piped()).stdout(Stdio::piped()).spawn().unwrap();
-    let mut lines = BufReader::new(node.stdout.take().unwrap()).lines();
-    let mut next_line = move || lines.next().expect("the node exited early").unwrap();
-    assert_eq!(next_line(), "ready");
+    let (node, mut next_line) = start_foreign(python, "ros_node.py", &[&port.to_string(), "200", "200", "0"]);
 
     let out = system.path("out.csv");
     let running = system.start(&["--out", out.to_str().unwrap()]);
     system.wait_until_running();
     let to = format!("tcp/127.0.0.1:{port}");
     let mut bridge = plumb(&["bridge", "ros", "--json", "--system", &system.name, "--connect", &to]);
-    let bridge = bridge.args(["--domain", "7", "--frame-id", "body"]).stdout(Stdio::piped()).spawn().unwrap();
+    let bridge = bridge.args(["--domain", "7", "--frame-id", "body", "--parent-frame-id", "odom"]);
+    let bridge = bridge.stdout(Stdio::piped()).spawn().unwrap();
     assert_eq!(next_line(), "received");
     system.stop_and_assert_undisturbed(running, &out, TUMBLE);
     let sent = final_report(bridge);
-    writeln!(node.stdin.take().unwrap(), "{}", out.display()).unwrap();
-    let report: Value = serde_json::from_str(&next_line()).unwrap();
+    let report = foreign_report(node, &out, next_line);
     println!("{sent}\n{report}");
-    assert!(node.wait().unwrap().success());
 
     assert_eq!((&sent["invalid"], &sent["dropped"]), (&json!(0), &json!(0)), "{sent}");
     // The hash in the key equals the one that rosbags computes from the message definition.
     let of_type = format!("sensor_msgs::msg::dds_::Imu_/{}", report["hash"].as_str().unwrap());
     assert_eq!(report["key"], format!("7/imu/data/{of_type}"));
+    let (tf, diagnostics) = (&report["tf"], &report["diagnostics"]);
+    for (found, topic, type_name) in [
+        (tf, "tf", "tf2_msgs::msg::dds_::TFMessage_"),
+        (diagnostics, "diagnostics", "diagnostic_msgs::msg::dds_::DiagnosticArray_"),
+    ] {
+        assert_eq!(found["key"], format!("7/{topic}/{type_name}/{}", found["hash"].as_str().unwrap()));
+        assert_eq!((&found["complete"], &found["numbers_follow"]), (&json!(true), &json!(true)), "{found}");
+    }
     let tokens: Vec<(String, String)> = serde_json::from_value(report["tokens"].clone()).unwrap();
+    let mut expected_tokens = vec![("NN", "%/%/plumbline".to_owned())];
+    for (topic, key) in [("imu/data", &report["key"]), ("tf", &tf["key"]), ("diagnostics", &diagnostics["key"])] {
+        let of_type = key.as_str().unwrap().strip_prefix(&format!("7/{topic}/")).unwrap();
+        expected_tokens.push(("MP", format!("%{}/{of_type}/::,10:,:,:,,", topic.replace('/', "%"))));
+    }
+    expected_tokens.push(("MP", format!("%imu%mag/{MAGNETIC_FIELD}/::,10:,:,:,,")));
+    assert_eq!(report["different_publishers"], 3, "{report}");
     for kind in ["PUT", "DELETE"] {
-        for (start, end) in [("NN", "%/%/plumbline"), ("MP", &format!("%imu%data/{of_type}/::,10:,:,:,,"))] {
-            let matches = |key: &str| key.split('/').nth(5) == Some(start) && key.ends_with(end);
-            assert!(tokens.iter().any(|(of, key)| of == kind && matches(key)), "{kind} {start}: {tokens:?}");
+        for (start, end) in &expected_tokens {
+            let matches = |key: &str| key.split('/').nth(5) == Some(*start) && key.ends_with(end.as_str());
+            assert!(tokens.iter().any(|(of, key)| of == kind && matches(key)), "{kind} {end}: {tokens:?}");
         }
     }
+    assert_eq!((&tf["frames"], &tf["unequal"]), (&json!([["odom", "body"]]), &json!(0)), "{tf}");
+    assert_eq!(tf["translations"], json!([[0.0, 0.0, 0.0]]));
+    // The simulation has no noise, so the gyro repeats its values and is considered stuck.
+    let attitude = assert_diagnostics(&diagnostics["statuses"], &system.name);
+    assert!(attitude["level"] == 2 && attitude["message"].as_str().unwrap().contains("rate-stuck"), "{attitude}");
     for name in ["complete", "covariances", "numbers_follow"] {
         assert_eq!(report[name], true, "{name}: {report}");
     }
@@ -124,6 +218,67 @@ fn ros_bridge_matches_attitude_file_in_rosbags() {
     assert!(number("max_difference") < 1e-15 && (number("step_ms") - 10.0).abs() < 0.5, "{report}");
     assert!(number("fastest_rad_s") > 0.5 && number("rate_error_rad_s") < 0.05, "{report}");
     assert!((number("force_m_s2") - 9.81).abs() < 0.1 && number("early_s") > 0.0, "{report}");
+}
+
+/// Type and hash of the magnetic field in keys and tokens.
+const MAGNETIC_FIELD: &str =
+    "sensor_msgs::msg::dds_::MagneticField_/RIHS01_e80f32f56a20486c9923008fc1a1db07bbb273cbbf6a5b3bfa00835ee00e4dff";
+
+#[test]
+fn ros_bridge_publishes_field_in_tesla_without_tf() {
+    let Some(python) = python() else { return };
+    let system = System::new("ingest.sim.scenario = \"s3\"\ningest.sim.field_noise_ut = 0");
+    let port = free_port();
+    let (node, mut next_line) = start_foreign(python, "ros_node.py", &[&port.to_string(), "100", "0", "50"]);
+    let out = system.path("out.csv");
+    let running = system.start(&["--out", out.to_str().unwrap()]);
+    system.wait_until_running();
+    let to = format!("tcp/127.0.0.1:{port}");
+    let mut bridge = plumb(&["bridge", "ros", "--json", "--system", &system.name, "--connect", &to]);
+    let bridge =
+        bridge.args(["--domain", "7", "--frame-id", "body", "--no-tf"]).stdout(Stdio::piped()).spawn().unwrap();
+    assert_eq!(next_line(), "received");
+    running.interrupt();
+    running.wait().assert_complete();
+    let sent = final_report(bridge);
+    let report = foreign_report(node, &out, next_line);
+    println!("{sent}\n{report}");
+
+    let mag = &report["mag"];
+    assert_eq!(mag["key"], format!("7/imu/mag/{MAGNETIC_FIELD}"));
+    assert!(MAGNETIC_FIELD.ends_with(mag["hash"].as_str().unwrap()), "{mag}");
+    assert_eq!((&mag["complete"], &mag["numbers_follow"]), (&json!(true), &json!(true)), "{mag}");
+    assert_eq!((&mag["frames"], &mag["covariance_is_unknown"]), (&json!(["body"]), &json!(true)), "{mag}");
+    // The simulated field points north and down, 20 and 44 µT.
+    let [east, north, up] = [0, 1, 2].map(|axis| mag["mean_t"][axis].as_f64().unwrap());
+    assert!((north - 20e-6).abs() < 2e-6 && (up + 44e-6).abs() < 2e-6 && east.abs() < 2e-6, "{mag}");
+    assert!(mag["compared"].as_u64().unwrap() >= 20 && mag["spread_t"].as_f64().unwrap() < 5e-6, "{mag}");
+    // With noise no sensor is stuck. The body passes the vertical, which is a warning.
+    let attitude = assert_diagnostics(&report["diagnostics"]["statuses"], &system.name);
+    assert!([json!(0), json!(1)].contains(&attitude["level"]), "{attitude}");
+    let tokens = report["tokens"].as_array().unwrap();
+    assert!(report["tf"].is_null() && !tokens.iter().any(|token| token[1].as_str().unwrap().contains("TFMessage")));
+    assert!(sent["fields"].as_u64().unwrap() >= 50 && sent["diagnostics"].as_u64().unwrap() >= 2, "{sent}");
+}
+
+/// Checks the statuses of a running system, except the level of the attitude. Returns that status.
+fn assert_diagnostics<'a>(statuses: &'a Value, system: &str) -> &'a Value {
+    let statuses = statuses.as_array().unwrap();
+    let status = |name: &str| {
+        let status = statuses.iter().find(|status| status["name"] == format!("plumbline: {name}"));
+        status.unwrap_or_else(|| panic!("no {name} in {statuses:?}"))
+    };
+    assert!(statuses.iter().all(|status| status["hardware_id"] == system), "{statuses:?}");
+    let attitude = status("attitude");
+    let value = |key: &str| attitude["values"][key].as_str().unwrap().parse::<f64>().unwrap();
+    assert!(value("age_s") < 1.0 && value("rate_hz") > 0.0 && value("tick") > 0.0, "{attitude}");
+    for (service, has_stage) in [("ingest", false), ("gyro", true), ("accel", true), ("fuser", true), ("course", true)]
+    {
+        let status = status(service);
+        assert_eq!((&status["level"], &status["message"]), (&json!(0), &json!("running")), "{status}");
+        assert_eq!(status["values"]["stage"].is_string(), has_stage, "{status}");
+    }
+    attitude
 }
 
 #[test]
@@ -193,17 +348,63 @@ fn ros_sensor_bridge_feeds_readings_to_system() {
     assert!((rate_deg_s - 10.0).abs() < 0.5, "yaw rate {rate_deg_s} °/s");
 }
 
+/// Command that the bridges suggest if there is no router.
+const START_ROUTER: &str = "ros2 run rmw_zenoh_cpp rmw_zenohd";
+
+/// Runs a bridge to ROS 2 that cannot start, and returns its messages.
+fn failing_ros_bridge(system: &System, kind: &str, to: &str) -> String {
+    let output = plumb(&["bridge", kind, "--system", &system.name, "--connect", to]).output().unwrap();
+    let stderr = String::from_utf8(output.stderr).unwrap();
+    assert_eq!(output.status.code(), Some(1), "{stderr}");
+    stderr
+}
+
 #[test]
-fn ros_bridge_without_router_reports_endpoint() {
+fn ros_bridge_without_router_says_how_to_start_it() {
     let system = System::new(TUMBLE);
     let running = system.start(&[]);
     system.wait_until_running();
     let to = format!("tcp/127.0.0.1:{}", free_port());
-    let output = plumb(&["bridge", "ros", "--system", &system.name, "--connect", &to]).output().unwrap();
-    let stderr = String::from_utf8(output.stderr).unwrap();
-    assert!(output.status.code() == Some(1) && stderr.contains(&to), "{stderr}");
+    let stderr = failing_ros_bridge(&system, "ros", &to);
+    assert!(stderr.contains(&to) && stderr.contains("no rmw_zenoh router"), "{stderr}");
+    assert!(stderr.contains(START_ROUTER), "{stderr}");
     running.interrupt();
     running.wait().assert_complete();
+}
+
+#[test]
+fn ros_bridge_rejects_gateway_in_place_of_router() {
+    let system = with_gateway(free_port(), "");
+    let running = system.start(&[]);
+    system.wait_until_running();
+    let to = endpoint(&system);
+    let stderr = failing_ros_bridge(&system, "ros", &to);
+    let says = |text: &str| stderr.contains(text);
+    assert!(says(&to) && says("is not a router") && says(START_ROUTER), "{stderr}");
+    running.interrupt();
+    running.wait().assert_complete();
+}
+
+#[test]
+fn ros_bridge_announces_loss_of_router() {
+    let Some(python) = python() else { return };
+    let port = free_port();
+    let (mut router, mut next_line) = start_foreign(python, "ros_node.py", &[&port.to_string(), "1", "0", "0"]);
+    let system = System::new(TUMBLE);
+    let running = system.start(&[]);
+    system.wait_until_running();
+    let to = format!("tcp/127.0.0.1:{port}");
+    let mut bridge = plumb(&["bridge", "ros", "--system", &system.name, "--connect", &to, "--domain", "7"]);
+    let mut bridge = bridge.stderr(Stdio::piped()).stdout(Stdio::piped()).spawn().unwrap();
+    assert_eq!(next_line(), "received");
+    router.kill().unwrap();
+    router.wait().unwrap();
+    let line = BufReader::new(bridge.stderr.take().unwrap()).lines().next().unwrap().unwrap();
+    assert!(line.contains("lost the rmw_zenoh router") && line.contains(START_ROUTER), "{line}");
+    running.interrupt();
+    running.wait().assert_complete();
+    let output = bridge.wait_with_output().unwrap();
+    assert!(output.status.success(), "{output:?}");
 }
 
 #[test]

@@ -62,7 +62,7 @@ fn run_json(port: u16, keys: &Path, arguments: &[&str]) -> Value {
 
 /// Returns the vehicles that a station reports.
 fn vehicles(port: u16, keys: &Path, seconds: &str) -> Vec<Value> {
-    run_json(port, keys, &["station", "--seconds", seconds])["vehicles"].as_array().unwrap().clone()
+    run_json(port, keys, &["station", "--for", seconds])["vehicles"].as_array().unwrap().clone()
 }
 
 fn names(vehicles: &[Value]) -> Vec<&str> {
@@ -105,7 +105,7 @@ fn listening_vehicle_enforces_roles_of_clients() {
     let report = run_json(port, &operator, &swap);
     assert_eq!(report["outcome"], "committed", "{report}");
     let remote = run_json(port, &viewer, &["ps", "--remote", "alpha"]);
-    assert_eq!(fuser(remote.as_array().unwrap())[0], "vqf");
+    assert_eq!(fuser(remote["services"].as_array().unwrap())[0], "vqf");
 
     let ipv6 = ["ps", "--remote", "alpha", "--connect", "quic/[::1]:7447", "--keys", viewer.to_str().unwrap()];
     let rejected = plumb(&ipv6).output().unwrap();
@@ -120,7 +120,7 @@ fn listening_vehicle_enforces_roles_of_clients() {
     for (foreign, code, word) in
         [(&other.holder_folder("operator.ann"), 1, "another authority"), (&missing, 2, "no ca.pem")]
     {
-        for verb in [&["station", "--seconds", "2"][..], &["ps", "--remote", "alpha"], &swap] {
+        for verb in [&["station", "--for", "2"][..], &["ps", "--remote", "alpha"], &swap] {
             let rejected = run_with_keys(port, foreign, verb);
             assert_eq!((rejected.status.code(), rejected.stdout.len()), (Some(code), 0), "{verb:?}: {rejected:?}");
             assert!(stderr(&rejected).contains(word), "{}", stderr(&rejected));

@@ -45,7 +45,7 @@ fn station_receives_all_telemetry_of_vehicle() {
     let running = system.start(&[]);
     let tables = system.path("tables");
     let endpoint = endpoint(&system);
-    let report = last_json(station(&[&endpoint], &["--seconds", "4", "--csv", tables.to_str().unwrap()]));
+    let report = last_json(station(&[&endpoint], &["--for", "4", "--csv", tables.to_str().unwrap()]));
     println!("{report}");
     let vehicle = &report["vehicles"][0];
     assert_eq!((vehicle["vehicle"].as_str(), vehicle["alive"].as_bool()), (Some(system.name.as_str()), Some(true)));
@@ -68,7 +68,7 @@ fn rate_all_batches_every_sample_of_fast_topic() {
     );
     let running = system.start(&[]);
     let tables = system.path("tables");
-    let report = last_json(station(&[&endpoint(&system)], &["--seconds", "4", "--csv", tables.to_str().unwrap()]));
+    let report = last_json(station(&[&endpoint(&system)], &["--for", "4", "--csv", tables.to_str().unwrap()]));
     let vehicle = &report["vehicles"][0];
     println!("{vehicle}");
     assert_lossless(vehicle);
@@ -93,7 +93,7 @@ fn vehicles_on_one_machine_use_separate_ports() {
     });
     let [first, second] = systems.each_ref().map(endpoint);
     assert_ne!(first, second);
-    let report = last_json(station(&[&first, &second], &["--seconds", "3"]));
+    let report = last_json(station(&[&first, &second], &["--for", "3"]));
     let names: Vec<_> =
         report["vehicles"].as_array().unwrap().iter().map(|entry| entry["vehicle"].as_str().unwrap()).collect();
     assert_eq!(names, ["boat", "buoy"], "{report}");
@@ -200,7 +200,7 @@ fn frozen_supervisor_is_reported_to_clients() {
         assert_eq!(output.status.code(), Some(1), "{arguments:?}: {text}");
         assert!(text.contains("has not responded for 2 s"), "{arguments:?}: {text}");
     }
-    let output = plumb(&["doctor", "--seconds", "0.1", "--json"]).args(local).output().unwrap();
+    let output = plumb(&["doctor", "--for", "0.1", "--json"]).args(local).output().unwrap();
     let text = String::from_utf8(output.stdout).unwrap();
     assert!(text.contains("has been stopped") && text.contains("kill -CONT"), "{text}");
     signal(running.pid(), Signal::CONT);
@@ -236,7 +236,7 @@ fn frozen_gateway_does_not_affect_output() {
     let out = system.path("out.csv");
     let running = system.start(&["--for", "8s", "--out", out.to_str().unwrap()]);
     let endpoint = endpoint(&system);
-    let report = last_json(station(&[&endpoint], &["--seconds", "2"]));
+    let report = last_json(station(&[&endpoint], &["--for", "2"]));
     assert!(number(topic(&report["vehicles"][0], "attitude"), "samples") > 0, "{report}");
     let pid = gateway(&system).unwrap()["pid"].as_u64().unwrap() as u32;
     signal(pid, Signal::STOP);
@@ -296,7 +296,7 @@ fn stalled_station_and_dead_endpoint_do_not_affect_output() {
     thread::sleep(Duration::from_secs(2));
     stalled.signal(Signal::STOP);
     // A second station receives telemetry in the meantime.
-    let report = last_json(station(&[&endpoint], &["--seconds", "7"]));
+    let report = last_json(station(&[&endpoint], &["--for", "7"]));
     assert!(number(topic(&report["vehicles"][0], "attitude"), "samples") > 0, "{report}");
     stalled.signal(Signal::CONT);
     let run = running.wait();

@@ -98,7 +98,8 @@ fn remote_topic_commands_match_on_board_output() {
     let vehicle = Vehicle::start("rates = { imu = \"all\" }");
 
     let list = vehicle.run_json(&["topic", "list"]);
-    let topics: Vec<_> = list.as_array().unwrap().iter().map(|entry| entry["topic"].as_str().unwrap()).collect();
+    let topics: Vec<_> =
+        list["topics"].as_array().unwrap().iter().map(|entry| entry["topic"].as_str().unwrap()).collect();
     assert_eq!(
         topics,
         ["imu", "gnss", "fused", "attitude", "difference", "control", "health"],
@@ -106,7 +107,7 @@ fn remote_topic_commands_match_on_board_output() {
     );
     let on_board = vehicle.run_json_on_board(&["topic", "list"]);
     let find = |list: &Value, topic: &str| {
-        list.as_array().unwrap().iter().find(|entry| entry["topic"] == topic).unwrap().clone()
+        list["topics"].as_array().unwrap().iter().find(|entry| entry["topic"] == topic).unwrap().clone()
     };
     for topic in ["imu", "fused", "attitude"] {
         let (remote, local) = (find(&list, topic), find(&on_board, topic));
@@ -135,7 +136,7 @@ fn remote_topic_commands_match_on_board_output() {
     let on_board = vehicle.run_json_on_board(&["topic", "echo", "imu", "--count", "1"]);
     assert_eq!((names(&messages[0]), &messages[0]["flags"]), (names(&on_board), &on_board["flags"]));
 
-    let hz = vehicle.run_json(&["topic", "hz", "imu", "--seconds", "2"]);
+    let hz = vehicle.run_json(&["topic", "hz", "imu", "--for", "2"]);
     println!("{hz}");
     assert!((500.0..1500.0).contains(&number(&hz, "/rate_hz")), "{hz}");
     assert_eq!(

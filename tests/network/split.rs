@@ -90,9 +90,7 @@ impl Hosts {
 }
 
 fn service_status(system: &System, service: &str) -> Option<Value> {
-    let output = plumb(&["ps", "--json", "--system", &system.name]).output().unwrap();
-    let all: Vec<Value> = serde_json::from_slice(&output.stdout).unwrap_or_default();
-    all.into_iter().find(|entry| entry["service"] == service)
+    system.ps().into_iter().find(|entry| entry["service"] == service)
 }
 
 /// Returns the number of ticks that the base has received.

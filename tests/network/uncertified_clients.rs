@@ -155,7 +155,7 @@ fn run_under_attack(system: &System, attack: impl Fn(&str, &AtomicBool) + Sync) 
             peak_kib = peak_kib.max(resident_kib(pid));
             thread::sleep(Duration::from_millis(2));
             if report.is_none() && started_at.elapsed() > Duration::from_secs(2) {
-                report = Some(scope.spawn(|| last_json(station(&[&endpoint], &["--seconds", "2"]))));
+                report = Some(scope.spawn(|| last_json(station(&[&endpoint], &["--for", "2"]))));
             }
         }
         let report = report.unwrap().join().unwrap();

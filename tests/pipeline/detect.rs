@@ -60,10 +60,11 @@ fn detected_source_delivers_readings() {
         let bare = line.strip_prefix("serial:").unwrap();
         let running = system.start(&["--source", bare]);
         wait_for("readings", || {
-            let output = plumb(&["ps", "--json", "--system", &system.name]).output().unwrap();
-            let services: Value = serde_json::from_slice(&output.stdout).unwrap_or_default();
-            let ingest = services.as_array().and_then(|all| all.iter().find(|one| one["service"] == "ingest"));
-            ingest.is_some_and(|ingest| ingest["ticks"].as_u64() >= Some(50))
+            let services = system.ps();
+            services
+                .iter()
+                .find(|one| one["service"] == "ingest")
+                .is_some_and(|ingest| ingest["ticks"].as_u64() >= Some(50))
         });
         running.interrupt();
         assert_eq!(running.wait().code, Some(0));

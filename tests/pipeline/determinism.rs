@@ -128,7 +128,7 @@ fn fields_and_fixes_are_deterministic() {
     }
 }
 
-#[test]
+#[recorded::test]
 fn recorded_flight_is_deterministic_and_depends_on_fixes() {
     let Some(data) = crate::common::data() else { return };
     let file = data.join("flights/apm_plane_log2_imu.csv.gz");

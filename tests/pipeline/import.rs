@@ -17,7 +17,7 @@ fn inclination_deg(files: &[&str]) -> f64 {
     rmse.unwrap_or_else(|| panic!("{scores}"))
 }
 
-#[test]
+#[recorded::test]
 fn px4_log_is_scored_replayed_and_imported_alike() {
     let Some(data) = data() else { return };
     let log = data.join("logs/px4_sample.ulg");
@@ -73,7 +73,7 @@ fn is_same(original: f64, returned: f64) -> bool {
     original == returned || original.is_nan() && returned.is_nan()
 }
 
-#[test]
+#[recorded::test]
 fn recording_survives_mcap_round_trip() {
     let Some(data) = data() else { return };
     let system = System::new("");
@@ -108,7 +108,7 @@ fn recording_survives_mcap_round_trip() {
     assert_eq!(table(&system.path("back_gnss.csv")), (names, original));
 }
 
-#[test]
+#[recorded::test]
 fn px4_log_survives_mcap_round_trip() {
     let Some(data) = data() else { return };
     let system = System::new("");

@@ -155,7 +155,7 @@ for row in zip(topic['timestamp'], *(topic[f'q[{i}]'] for i in range(4))):
     print(*(float(part).hex() if i else int(part) for i, part in enumerate(row)))
 ";
 
-#[test]
+#[recorded::test]
 fn ned_frd_output_matches_px4_estimate() {
     let Some(data) = data() else { return };
     let log = data.join("logs/px4_sample.ulg");

@@ -54,7 +54,7 @@ fn broad(data: &Path) -> Vec<PathBuf> {
     trials
 }
 
-#[test]
+#[recorded::test]
 fn broad_mean_inclination_is_below_limit() {
     let Some(data) = crate::common::data() else { return };
     let system = System::new("");
@@ -73,7 +73,7 @@ fn broad_mean_inclination_is_below_limit() {
     assert!(mean_deg <= MAX_BROAD_ERROR_DEG, "{mean_deg}°");
 }
 
-#[test]
+#[recorded::test]
 fn recording_gives_same_bytes_packed_or_plain() {
     let Some(data) = crate::common::data() else { return };
     let packed = data.join("broad").join(TRIAL);
@@ -117,7 +117,7 @@ fn to_frd_sensor(text: &str) -> String {
     header.join(",") + "\n" + &rotated.collect::<String>()
 }
 
-#[test]
+#[recorded::test]
 fn mounting_rotates_reference_with_sensors() {
     let Some(data) = crate::common::data() else { return };
     let trial = data.join("broad").join(TRIAL);
@@ -132,7 +132,7 @@ fn mounting_rotates_reference_with_sensors() {
     }
 }
 
-#[test]
+#[recorded::test]
 fn reported_error_matches_written_attitudes() {
     let Some(data) = crate::common::data() else { return };
     let trial = data.join("broad").join(TRIAL);
@@ -154,7 +154,7 @@ fn reported_error_matches_written_attitudes() {
     assert!((run.number("/error_deg/inclination_max") - largest_deg).abs() < 1e-6, "{largest_deg}: {}", run.stderr);
 }
 
-#[test]
+#[recorded::test]
 fn real_flight_gives_valid_attitudes() {
     let Some(data) = crate::common::data() else { return };
     let flight = data.join("flights/apm_plane_log2_imu.csv.gz");

@@ -124,7 +124,7 @@ fn errors_match_scored_reference_rows() {
 fn recording_without_reference_has_attitude_but_no_score() {
     let text = "t_s,gx,gy,gz,ax,ay,az\n0,0,0,0,0,0,9.8\n0.01,0,0,0,0,0,9.8\n".to_owned();
     let folder = folder_with(&[("plain.csv", text), ("tilted.csv", at_rest(0.0, 10.0))]);
-    let scores = scores(folder.path(), &["plain.csv", "tilted.csv", "--out", "out"]);
+    let scores = scores(folder.path(), &["plain.csv", "tilted.csv", "--out-dir", "out"]);
     assert_eq!(scores.pointer("/stages/0/trials/0/inclination"), Some(&Value::Null));
     let mean_deg = number(&scores, "/stages/0/mean/inclination");
     assert!((mean_deg - 10.0).abs() < 1e-6, "the mean includes an unscored recording");
@@ -137,7 +137,7 @@ fn recording_without_reference_has_attitude_but_no_score() {
 fn several_fusers_are_scored_in_one_run() {
     let folder = folder_with(&[("turned.csv", at_rest(30.0, 0.0))]);
     let fusers = ["turned.csv", "--fuser", "wz", "--fuser", "wz-closed", "--set", "declination_deg=0"];
-    let scores = scores(folder.path(), &[&fusers[..], &["--out", "out"]].concat());
+    let scores = scores(folder.path(), &[&fusers[..], &["--out-dir", "out"]].concat());
     assert_eq!(scores.pointer("/stages/1/fuser").unwrap(), "wz-closed");
     assert_eq!(number(&scores, "/stages/1/settings/course.declination_deg"), 0.0);
     for fuser in ["wz", "wz-closed"] {
@@ -223,12 +223,12 @@ fn invalid_arguments_are_rejected_with_alternatives() {
     assert_error(&["sim:s1?seed=2&rate_hz=50&seed=3"], 2, &["`seed` is set twice"]);
     assert_error(&["a.csv", "b/a.csv"], 2, &["two trials are named `a`"]);
     assert_error(&["sim:s9"], 2, &["unknown scenario `s9`", "cruise"]);
-    assert_error(&["a.csv", "--out", "."], 2, &["this is the recording itself"]);
+    assert_error(&["a.csv", "--out-dir", "."], 2, &["this is the recording itself"]);
     assert_error(&["a.csv", "none.csv"], 3, &["opening the recording none.csv", "check the path"]);
     assert_error(&["bad.csv"], 3, &["bad.csv: line 1: found no column gy"]);
     assert_error(&["a.csv", "--gnss", "bad.csv"], 3, &["bad.csv: line 1, column 2: found \"gx\""]);
     assert_error(&["a.csv", "sim:s1", "--gnss", "fixes.csv"], 2, &["fixes.csv belongs to one recording", "2 trials"]);
-    assert_error(&["a.csv", "--out", "a.csv"], 1, &["writing a.csv"]);
+    assert_error(&["a.csv", "--out-dir", "a.csv"], 1, &["writing a.csv"]);
     assert_error(&[], 2, &["<FILE>"]);
     assert_eq!(fs::read_to_string(folder.path().join("a.csv")).unwrap(), at_rest(0.0, 0.0));
 }
@@ -252,8 +252,8 @@ fn stage_test_runs_conformance_checks_by_name() {
     let output = plumb(&["stage", "test", "--slot", "gyro", "mobius", "--json"]).output().unwrap();
     assert_eq!(output.status.code(), Some(0));
     let reports: Value = serde_json::from_slice(&output.stdout).unwrap();
-    assert_eq!(reports.pointer("/0/stage"), Some(&Value::from("mobius")));
-    assert!(reports.pointer("/0/checks/10/passed").is_some_and(|passed| passed == true));
+    assert_eq!(reports.pointer("/reports/0/stage"), Some(&Value::from("mobius")));
+    assert!(reports.pointer("/reports/0/checks/10/passed").is_some_and(|passed| passed == true));
     for (unknown, message) in [
         (&["stage", "test", "mobious"][..], "unknown stage `mobious`; did you mean `mobius`? expected one of mobius,"),
         (&["stage", "test", "--slot", "fuser", "mobius"], "the stage `mobius` belongs to the slot `gyro`, not `fuser`"),
@@ -269,7 +269,7 @@ fn stage_test_runs_conformance_checks_by_name() {
     }
 }
 
-#[test]
+#[recorded::test]
 fn score_writes_same_attitudes_as_up() {
     let Some(data) = crate::common::data() else { return };
     let trial = data.join(TRIAL);
@@ -277,12 +277,12 @@ fn score_writes_same_attitudes_as_up() {
     let (up, out) = (system.path("up.csv"), system.path("out"));
     let (trial, up_text) = (trial.to_str().unwrap(), up.to_str().unwrap());
     system.run(&["--replay", trial, "--in-process", "--speed", "max", "--out", up_text]).assert_complete();
-    scores(system.folder.path(), &[trial, "--out", out.to_str().unwrap()]);
+    scores(system.folder.path(), &[trial, "--out-dir", out.to_str().unwrap()]);
     let written = out.join("07_undisturbed_fast_rotation_B.csv");
     assert!(fs::read(written).unwrap() == fs::read(up).unwrap(), "the files differ");
 }
 
-#[test]
+#[recorded::test]
 fn broad_inclination_without_magnetometer_is_below_limit() {
     let Some(data) = crate::common::data() else { return };
     let mut trials: Vec<_> = fs::read_dir(data.join("broad")).unwrap().map(|entry| entry.unwrap().path()).collect();

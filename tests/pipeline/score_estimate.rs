@@ -13,7 +13,7 @@ const WITHOUT_NORTH: &str = "sim:s1?duration_s=20&rate_hz=100";
 
 /// Writes the attitudes of a stage to `mine.csv`.
 fn write_estimate(folder: &Path, trial: &str) {
-    scores(folder, &[trial, "--fuser", "vqf", "--out", "out"]);
+    scores(folder, &[trial, "--fuser", "vqf", "--out-dir", "out"]);
     let written = fs::read_dir(folder.join("out")).unwrap().next().unwrap().unwrap().path();
     fs::rename(written, folder.join("mine.csv")).unwrap();
 }
@@ -50,7 +50,7 @@ fn estimate_is_in_table_figures_and_report() {
     // The file has the columns of another program.
     let text = fs::read_to_string(folder.path().join("mine.csv")).unwrap();
     fs::write(folder.path().join("mine.csv"), text.replacen("t_s,", "Time;", 1).replace(',', ";")).unwrap();
-    let outputs = ["--csv", "tables", "--plot", "figures", "--report", "report.html", "--out", "attitudes"];
+    let outputs = ["--csv", "tables", "--plot", "figures", "--report", "report.html", "--out-dir", "attitudes"];
     let arguments = [&[TRIAL, "--estimate", "mine=mine.csv"][..], &outputs].concat();
     let output = score(folder.path(), &arguments);
     assert_eq!(output.status.code(), Some(0), "{}", String::from_utf8_lossy(&output.stderr));

@@ -133,7 +133,7 @@ fn report_without_reference_shows_stage_differences() {
     );
 }
 
-#[test]
+#[recorded::test]
 fn report_of_real_recording_ranks_by_total_error() {
     let Some(data) = data() else { return };
     let folder = tempfile::tempdir().unwrap();
@@ -241,7 +241,8 @@ fn launch_file_calibration_and_mounting_are_applied() {
     let plain = scores(folder.path(), &["unit.csv"]);
     let tilt_deg = 1f64.atan2(9.80665).to_degrees();
     assert!((number(&plain, "/stages/0/mean/inclination") - tilt_deg).abs() < 0.1, "{plain}");
-    let launched = scores(folder.path(), &["unit.csv", "--launch", "my.toml", "--out", "out", "--report", "out.html"]);
+    let launched =
+        scores(folder.path(), &["unit.csv", "--launch", "my.toml", "--out-dir", "out", "--report", "out.html"]);
     assert!(number(&launched, "/stages/0/mean/inclination") < 1e-3, "{launched}");
     let [.., (_, [w, x, y, _])] = &attitudes(&folder.path().join("out/unit.csv"))[..] else { panic!("no attitude") };
     assert!(w.abs() > 0.999 && x.hypot(*y) < 1e-3, "the mounting is not applied");

@@ -60,7 +60,7 @@ fn magnetic_course_is_corrected_by_local_declination() {
     }
 }
 
-#[test]
+#[recorded::test]
 fn declination_follows_newest_fix_and_survives_restart() {
     let Some(data) = data() else { return };
     let file = data.join("flights/apm_plane_log2_imu.csv.gz");

@@ -11,21 +11,16 @@ fn system(fault: &str) -> System {
     System::with_faults(&format!("[restart]\nsilence_s = 2\n{stage}"))
 }
 
-fn query(system: &System, arguments: &[&str]) -> Value {
-    let output = plumb(&[arguments, &["--json", "--system", &system.name]].concat()).output().unwrap();
-    serde_json::from_slice(&output.stdout).unwrap_or(Value::Null)
-}
-
 fn stage_in(system: &System, slot: &str) -> String {
-    let services = query(system, &["ps"]);
-    let one = services.as_array().unwrap().iter().find(|one| one["service"] == slot).unwrap();
+    let services = system.ps();
+    let one = services.iter().find(|one| one["service"] == slot).unwrap();
     one["stage"].as_str().unwrap().to_owned()
 }
 
 fn start_system(system: &System, arguments: &[&str]) -> Running {
     let running = system.start(arguments);
-    let all = |services: &Value| services.as_array().is_some_and(|all| all.iter().all(|one| one["state"] == "running"));
-    wait_for("the system to run", || all(&query(system, &["ps"])));
+    let all = |services: &[Value]| !services.is_empty() && services.iter().all(|one| one["state"] == "running");
+    wait_for("the system to run", || all(&system.ps()));
     running
 }
 
@@ -97,8 +92,8 @@ fn owner_freezing_near_its_last_tick_costs_no_tick() {
     let out = system.path("out.csv");
     let running = start_system(&system, &["--out", out.to_str().unwrap()]);
     let owner_pid = |slot: &str| {
-        let services = query(&system, &["ps"]);
-        services.as_array().unwrap().iter().find(|one| one["service"] == slot).unwrap()["pid"].as_u64().unwrap() as u32
+        let services = system.ps();
+        services.iter().find(|one| one["service"] == slot).unwrap()["pid"].as_u64().unwrap() as u32
     };
     // The decision is made about 130 ms after the request and takes effect 50 ms later. The exact
     // moment varies.

@@ -54,7 +54,7 @@ fn assert_every_tick(found: &Value, ticks: u64) {
     assert!(compared["max_tf_error"].as_f64().unwrap() < 1e-15, "{compared}");
 }
 
-#[test]
+#[recorded::test]
 fn gnss_fixes_are_recorded_as_map_locations() {
     let (Some(python), Some(data)) = (python(), data()) else { return };
     let system = System::new("");

@@ -75,8 +75,7 @@ fn swap_stage(system: &System, slot: &str, to: &str) -> Value {
 }
 
 fn service(system: &System, name: &str) -> Value {
-    let services = query(system, &["ps"]);
-    services.as_array().and_then(|all| all.iter().find(|one| one["service"] == name).cloned()).unwrap_or_default()
+    system.ps().into_iter().find(|one| one["service"] == name).unwrap_or_default()
 }
 
 fn pid(system: &System, slot: &str) -> u32 {
@@ -327,7 +326,7 @@ fn test_stage(name: &str, launch: &Path) -> (bool, Vec<String>) {
     let text = String::from_utf8(output.stdout).unwrap();
     let reports: Value = serde_json::from_str(text.lines().last().unwrap_or_default())
         .unwrap_or_else(|_| panic!("{}", String::from_utf8_lossy(&output.stderr)));
-    let checks = reports[0]["checks"].as_array().unwrap();
+    let checks = reports["reports"][0]["checks"].as_array().unwrap();
     println!("{name}: {} checks", checks.len());
     let failed = checks.iter().filter(|check| check["passed"] == false);
     (output.status.success(), failed.map(|check| check["name"].as_str().unwrap().to_owned()).collect())

@@ -8,8 +8,7 @@ use rustix::process::Signal;
 use serde_json::Value;
 
 fn ps(system: &System) -> Vec<Value> {
-    let output = crate::common::plumb(&["ps", "--json", "--system", &system.name]).output().unwrap();
-    serde_json::from_slice(&output.stdout).unwrap_or_default()
+    system.ps()
 }
 
 /// Returns the name of the stage in the slot.

@@ -1,11 +1,9 @@
 //! Watches: a shadow that agrees with the owner is promoted. A promoted stage that diverges is
 //! rolled back.
 use crate::common::{System, wait_for};
-use serde_json::Value;
 
 fn stage_in(system: &System, slot: &str) -> Option<String> {
-    let output = crate::common::plumb(&["ps", "--json", "--system", &system.name]).output().unwrap();
-    let services: Vec<Value> = serde_json::from_slice(&output.stdout).ok()?;
+    let services = system.ps();
     let one = services.iter().find(|one| one["service"] == slot)?;
     Some(one["stage"].as_str()?.to_owned())
 }

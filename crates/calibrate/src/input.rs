@@ -4,6 +4,44 @@ use std::fmt;
 
 use attitude::{GRAVITY_M_S2, Vector3, calibration::Calibration, gyro::RateKind};
 
+/// Largest accepted magnitude of a timestamp, ns (126 years). It ensures that differences of
+/// accepted timestamps fit into 64 bits.
+const MAX_T_NS: u64 = 4_000_000_000_000_000_000;
+
+/// Check of readings that skips and counts invalid ones.
+#[derive(Debug, Clone, Default)]
+pub(crate) struct Intake {
+    last_ns: Option<i64>,
+    accepted: u64,
+    skipped: u64,
+}
+
+impl Intake {
+    /// Returns the sample without a field that is not finite. Returns `None` if its rate or force
+    /// is not finite or its time does not increase.
+    pub(crate) fn accept(&mut self, sample: &Sample) -> Option<Sample> {
+        let is_valid = sample.rate_rad_s.iter().chain(&sample.force_m_s2).all(|part| part.is_finite())
+            && sample.t_ns.unsigned_abs() <= MAX_T_NS
+            && self.last_ns.is_none_or(|last_ns| sample.t_ns > last_ns);
+        if !is_valid {
+            self.skipped += 1;
+            return None;
+        }
+        self.last_ns = Some(sample.t_ns);
+        self.accepted += 1;
+        let field_ut = sample.field_ut.filter(|field_ut| field_ut.iter().all(|part| part.is_finite()));
+        Some(Sample { field_ut, ..*sample })
+    }
+
+    /// Returns a note with the number of skipped readings, if any.
+    pub(crate) fn note(&self) -> Option<String> {
+        let Self { accepted, skipped, .. } = self;
+        (*skipped > 0).then(|| {
+            format!("{skipped} of {} readings skipped: value not finite or time not increasing", accepted + skipped)
+        })
+    }
+}
+
 /// Raw reading of a sensor unit.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Sample {

@@ -17,6 +17,7 @@
 //! | [`mag`] | hard and soft iron, from the field in all directions |
 //! | [`mounting`] | orientation of the unit in the body, from a level and a nose-down pose |
 //! | [`clock`] | delay of the magnetometer relative to the gyro, from back-and-forth turns |
+//! | [`noise`] | Allan deviations and noise of gyro and accelerometer, from a long rest |
 //! | `input` | kind, prior knowledge and readings |
 //! | [`report`] | report, coverage and rejection |
 //! | `rest` | detection of rests and uncertainty of their means |
@@ -37,27 +38,23 @@ mod least_squares;
 pub mod mag;
 mod motion;
 pub mod mounting;
+pub mod noise;
 pub mod report;
 mod rest;
 mod sphere;
 
 use attitude::Vector3;
 
+use input::Intake;
 pub use input::{Kind, Prior, Sample};
 pub use report::{Coverage, Rejection, Report};
 pub use sphere::SECTORS;
-
-/// Largest accepted magnitude of a timestamp, ns (126 years). It ensures that differences of
-/// accepted timestamps fit into 64 bits.
-const MAX_T_NS: u64 = 4_000_000_000_000_000_000;
 
 /// Collects readings until they suffice for a calibration.
 #[derive(Debug, Clone)]
 pub struct Calibrator {
     inner: SensorCalibrator,
-    last_ns: Option<i64>,
-    accepted: u64,
-    skipped: u64,
+    intake: Intake,
 }
 
 #[derive(Debug, Clone)]
@@ -79,22 +76,12 @@ impl Calibrator {
             Kind::Mounting => SensorCalibrator::Mounting(mounting::MountingCalibrator::new(prior)),
             Kind::Clock => SensorCalibrator::Clock(clock::ClockCalibrator::new(prior)),
         };
-        Self { inner, last_ns: None, accepted: 0, skipped: 0 }
+        Self { inner, intake: Intake::default() }
     }
 
     /// Adds a reading. Skips it if its rate or force is not finite or its time does not increase.
     pub fn push(&mut self, sample: &Sample) {
-        let is_valid = sample.rate_rad_s.iter().chain(&sample.force_m_s2).all(|part| part.is_finite())
-            && sample.t_ns.unsigned_abs() <= MAX_T_NS
-            && self.last_ns.is_none_or(|last_ns| sample.t_ns > last_ns);
-        if !is_valid {
-            self.skipped += 1;
-            return;
-        }
-        self.last_ns = Some(sample.t_ns);
-        self.accepted += 1;
-        let field_ut = sample.field_ut.filter(|field_ut| field_ut.iter().all(|part| part.is_finite()));
-        let sample = Sample { field_ut, ..*sample };
+        let Some(sample) = self.intake.accept(sample) else { return };
         match &mut self.inner {
             SensorCalibrator::Gyro(inner) => inner.push(&sample),
             SensorCalibrator::Accel(inner) => inner.push(&sample),
@@ -152,13 +139,7 @@ impl Calibrator {
             SensorCalibrator::Mounting(inner) => inner.finish(),
             SensorCalibrator::Clock(inner) => inner.finish(),
         }?;
-        if self.skipped > 0 {
-            report.notes.push(format!(
-                "{} of {} readings skipped: value not finite or time not increasing",
-                self.skipped,
-                self.accepted + self.skipped
-            ));
-        }
+        report.notes.extend(self.intake.note());
         Ok(report)
     }
 }

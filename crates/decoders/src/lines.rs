@@ -4,10 +4,12 @@
 //! A [`Mapping`] assigns columns, units and axes, with the same syntax as `plumb import`. Column
 //! names come from the settings or from a line of the stream that contains all mapped names. Such a
 //! header may appear at the start or later, also as a comment. The `t_s` column of a recording is a
-//! time in s.
+//! time in s. Units in the names, such as `gyro_x (deg/s)`, apply unless the settings name others.
+//! A line with contradictory or missing units is ignored.
 //!
-//! A line ends with a newline. The rules for comments, separators, numbers and times are those of
-//! files ([`mapping::text`]). Blank lines and comments are counted and otherwise ignored.
+//! A line ends with a newline, a carriage return or both. The rules for comments, separators,
+//! numbers and times are those of files ([`mapping::text`]). Blank lines and comments are counted
+//! and otherwise ignored.
 //!
 //! | column | meaning |
 //! | --- | --- |
@@ -27,7 +29,7 @@
 //! of fields is rejected as a whole, but a corrupted digit remains undetected.
 
 use mapping::{
-    FIELD, FORCE, Mapping, POSITION, RATE,
+    FIELD, FORCE, HeaderError, Mapping, POSITION, RATE,
     names::nearest,
     text::{self, DAY_NS, Dialect, Line, Separator, Time},
 };
@@ -44,12 +46,18 @@ const MIN_UNIX_TIME_NS: i64 = 1_000_000_000_000_000_000;
 /// Format of lines of numbers, with the columns of the stream.
 #[derive(Debug, Clone)]
 pub struct Lines {
+    /// Mapping of the settings.
+    configured: Mapping,
+    /// Mapping with the units of the header.
     mapping: Mapping,
+    time_bits: Option<u8>,
     /// Wrap period of the time, if the time is a wrapping counter.
     period_ns: Option<u64>,
     indices: Option<ColumnIndices>,
     /// Separator and decimal mark of the rows; `None` until the first row.
     dialect: Option<Dialect>,
+    /// `true` if a line names the columns but not their units. Rows are then not read by position.
+    lacks_units: bool,
     /// `true` if the next byte starts a line.
     is_synchronised: bool,
     last_fix: Option<[u64; 6]>,
@@ -83,6 +91,9 @@ pub enum LinesError {
         /// Column with a similar name.
         near: Option<String>,
     },
+    /// The names of the columns state contradictory units, or lack a unit.
+    #[error("{0}; set `units` to {remedy}", remedy = .0.remedy())]
+    Units(HeaderError),
     /// `time_bits` is out of range.
     #[error("time_bits is {bits}; allowed are 1 to 63, with a counter that wraps within 292 years")]
     InvalidTimeBits {
@@ -98,22 +109,37 @@ impl Lines {
     ///
     /// Returns an error if a mapped column is not among the names or `time_bits` is out of range.
     pub fn new(settings: &LineSettings) -> Result<Self, LinesError> {
-        let mapping = settings.mapping.clone();
-        let period_ns = settings
-            .time_bits
-            .map(|bits| mapping.wrap_period_ns(bits.into()).ok_or(LinesError::InvalidTimeBits { bits }))
-            .transpose()?;
-        let resolved = settings.columns.as_ref().map(|columns| {
+        let configured = settings.mapping.clone();
+        let mut lines = Self {
+            mapping: configured.clone(),
+            configured,
+            time_bits: settings.time_bits,
+            period_ns: None,
+            indices: None,
+            dialect: None,
+            lacks_units: false,
+            is_synchronised: settings.starts_at_line_start,
+            last_fix: None,
+        };
+        lines.period_ns = lines.wrap_period_ns(&lines.configured)?;
+        if let Some(columns) = &settings.columns {
             let columns: Vec<_> = columns.iter().map(|column| column.trim()).collect();
-            ColumnIndices::find(&mapping, &columns).map_err(|target| {
-                let column = mapping.column(target).unwrap_or(target);
-                let near = nearest(column, columns.iter().copied()).map(str::to_owned);
-                LinesError::MissingColumn { target, column: column.to_owned(), near }
-            })
-        });
-        let indices = resolved.transpose()?;
-        let is_synchronised = settings.starts_at_line_start;
-        Ok(Self { mapping, period_ns, indices, dialect: None, is_synchronised, last_fix: None })
+            lines.set_columns(&columns)?;
+        }
+        Ok(lines)
+    }
+
+    fn wrap_period_ns(&self, mapping: &Mapping) -> Result<Option<u64>, LinesError> {
+        let period_ns = |bits: u8| mapping.wrap_period_ns(bits.into()).ok_or(LinesError::InvalidTimeBits { bits });
+        self.time_bits.map(period_ns).transpose()
+    }
+
+    /// Takes the columns and their units from the names of all columns.
+    fn set_columns(&mut self, names: &[&str]) -> Result<(), LinesError> {
+        let (indices, mapping) = ColumnIndices::find(&self.configured, names)?;
+        self.period_ns = self.wrap_period_ns(&mapping)?;
+        (self.indices, self.mapping) = (Some(indices), mapping);
+        Ok(())
     }
 
     fn parse_line(&mut self, line: &[u8], measurements: &mut Vec<Measurement>) -> Option<()> {
@@ -131,7 +157,7 @@ impl Lines {
         if self.find_columns(line) {
             return Some(());
         }
-        if !self.is_synchronised || self.indices.is_some() || self.mapping.is_explicit() {
+        if !self.is_synchronised || self.indices.is_some() || self.mapping.is_explicit() || self.lacks_units {
             return None;
         }
         let mut names = Separator::ALL.iter().filter_map(|separator| {
@@ -139,7 +165,7 @@ impl Lines {
             Some((names, *separator))
         });
         let (names, separator) = names.next()?;
-        self.indices = ColumnIndices::find(&self.mapping, names).ok();
+        self.set_columns(names).ok()?;
         self.dialect = Some(Dialect::new(separator));
         let row = self.parse_row(line, measurements);
         if row.is_none() {
@@ -151,12 +177,16 @@ impl Lines {
     /// Takes the columns from a line that contains all mapped names. Returns `false` if the line
     /// does not.
     fn find_columns(&mut self, line: &str) -> bool {
-        let found = Separator::ALL.iter().find_map(|separator| {
-            ColumnIndices::find(&self.mapping, &separator.fields(line)).ok().map(|indices| (indices, *separator))
-        });
-        let Some((indices, separator)) = found else { return false };
-        (self.indices, self.dialect) = (Some(indices), Some(Dialect::new(separator)));
-        true
+        for separator in Separator::ALL {
+            match self.set_columns(&separator.fields(line)) {
+                Ok(()) => {
+                    self.dialect = Some(Dialect::new(separator));
+                    return true;
+                }
+                Err(error) => self.lacks_units |= matches!(error, LinesError::Units(_)),
+            }
+        }
+        false
     }
 
     /// Returns the dialect of a row with `count` fields. The separator is that of the column names,
@@ -225,7 +255,13 @@ impl Lines {
 impl Format for Lines {
     fn parse(&mut self, bytes: &[u8], measurements: &mut Vec<Measurement>) -> ParseOutcome {
         let window = &bytes[..bytes.len().min(MAX_LINE_BYTES)];
-        let Some(end) = window.iter().position(|byte| *byte == b'\n') else {
+        let is_end = |(index, byte): (usize, &u8)| match byte {
+            b'\n' => true,
+            // A newline after a carriage return belongs to the same end.
+            b'\r' => window.get(index + 1).is_some_and(|next| *next != b'\n'),
+            _ => false,
+        };
+        let Some(end) = window.iter().enumerate().position(is_end) else {
             if bytes.len() < MAX_LINE_BYTES {
                 return ParseOutcome::Incomplete;
             }
@@ -286,20 +322,24 @@ struct ColumnIndices {
 }
 
 impl ColumnIndices {
-    /// Finds the mapped columns among `names`. If a mandatory target is missing, returns the first
-    /// one as the error.
-    fn find(mapping: &Mapping, names: &[&str]) -> Result<Self, &'static str> {
-        let index_of = |target: &'static str| -> Result<usize, &'static str> {
-            let column = mapping.column(target).unwrap_or(target);
-            let exact = names.iter().position(|name| *name == column);
-            exact.or_else(|| names.iter().position(|name| mapping.matches(target, name))).ok_or(target)
+    /// Finds the mapped columns among `names`. Also returns the mapping with the units of these
+    /// names.
+    fn find(mapping: &Mapping, names: &[&str]) -> Result<(Self, Mapping), LinesError> {
+        let index_of = |target: &'static str| -> Result<usize, LinesError> {
+            let ranked =
+                names.iter().enumerate().filter_map(|(index, name)| Some((mapping.match_rank(target, name)?, index)));
+            ranked.min().map(|(_, index)| index).ok_or_else(|| {
+                let column = mapping.column(target).unwrap_or(target);
+                let near = nearest(column, names.iter().copied()).map(str::to_owned);
+                LinesError::MissingColumn { target, column: column.to_owned(), near }
+            })
         };
         let three_indices = |[x, y, z]: [&'static str; 3]| Ok([index_of(x)?, index_of(y)?, index_of(z)?]);
         let [latitude, longitude, altitude] = POSITION;
         let optional_index =
             |target| if mapping.column(target).is_some() { optional(mapping, index_of(target)) } else { Ok(None) };
         let optional_group = |targets| optional(mapping, three_indices(targets));
-        Ok(Self {
+        let mut indices = Self {
             count: names.len(),
             time: optional_index("t")?,
             rate: three_indices(RATE)?,
@@ -307,14 +347,31 @@ impl ColumnIndices {
             field: if mapping.has_field() { optional_group(FIELD)? } else { None },
             velocity: mapping.velocity().map_or(Ok(None), optional_group)?,
             position: [optional_index(latitude)?, optional_index(longitude)?, optional_index(altitude)?],
-        })
+        };
+        let with_units = |indices: &Self| {
+            let targets = [(RATE, Some(indices.rate)), (FORCE, Some(indices.force)), (FIELD, indices.field)];
+            let of_vectors =
+                targets.into_iter().flat_map(|(targets, found)| targets.into_iter().zip(found.into_iter().flatten()));
+            let columns: Vec<_> = of_vectors.chain(indices.time.map(|index| ("t", index))).collect();
+            let names_of = |target: &'static str| {
+                let of_target = columns.iter().filter(|(other, _)| *other == target);
+                of_target.filter_map(|(_, index)| names.get(*index).copied()).collect()
+            };
+            mapping.with_header_units(names_of, true).map(|(mapping, _)| mapping).map_err(LinesError::Units)
+        };
+        let with_units = with_units(&indices).or_else(|_| {
+            // Samples without a time of known unit are stamped on arrival.
+            indices.time = None;
+            with_units(&indices)
+        })?;
+        Ok((indices, with_units))
     }
 }
 
 /// Turns a missing column into `None` unless the user mapped it explicitly.
-fn optional<T>(mapping: &Mapping, result: Result<T, &'static str>) -> Result<Option<T>, &'static str> {
+fn optional<T>(mapping: &Mapping, result: Result<T, LinesError>) -> Result<Option<T>, LinesError> {
     match result {
-        Err(target) if mapping.is_explicit() => Err(target),
+        Err(error) if mapping.is_explicit() => Err(error),
         result => Ok(result.ok()),
     }
 }

@@ -35,6 +35,10 @@ const MAX_RATE_DRIFT: f64 = 0.5;
 /// the difference between an interval on the device's clock and on the host's clock, and to the
 /// distance of a result from the fitted line.
 const RESET_THRESHOLD_NS: i64 = 1_000_000_000;
+/// Number of intervals from which the rate of a device without timestamps is measured.
+const MIN_MEASURED_SAMPLES: u64 = 20;
+/// Span of the samples from which the rate is measured, ns.
+const MIN_MEASURED_SPAN_NS: i64 = 2_000_000_000;
 /// Maximum correction of an interval towards the line, as a fraction of the interval.
 const MAX_CORRECTION: f64 = 0.1;
 
@@ -67,8 +71,10 @@ pub struct ClockHealth {
 /// Converter of the timestamps of one device to the host's clock.
 #[derive(Debug, Clone, Default)]
 pub struct ClockFit {
-    /// Nominal sample interval for devices without timestamps.
+    /// Sample interval for devices without timestamps, nominal or measured.
     interval_ns: Option<u64>,
+    /// Arrival of the first sample by which the interval is measured.
+    measured_from_ns: Option<i64>,
     /// Number of samples without a timestamp.
     count: u64,
     points: VecDeque<Point>,
@@ -103,7 +109,10 @@ struct Line {
 }
 
 impl ClockFit {
-    /// Creates a fit for a device with timestamps.
+    /// Creates a fit for a device with timestamps, or without timestamps at an unknown rate.
+    ///
+    /// If the samples have no timestamps, the rate is measured from the first samples, and then
+    /// their count serves as the device's clock.
     pub fn new() -> Self {
         Self::default()
     }
@@ -119,9 +128,12 @@ impl ClockFit {
 
     /// Returns the time of a sample on the host's clock, ns, always later than the previous one.
     ///
-    /// If there is neither a timestamp nor a rate, the result is the arrival time.
+    /// If there is neither a timestamp nor a rate yet, the result is the arrival time.
     pub fn push(&mut self, stamp: Option<Stamp>, arrival_ns: i64) -> i64 {
         let is_counted = stamp.is_none() && self.interval_ns.is_some();
+        if stamp.is_none() && !is_counted {
+            self.measure_interval(arrival_ns);
+        }
         let stamp = stamp.or_else(|| self.next_count_stamp());
         let earliest_ns = self.t_ns.map_or(i64::MIN, |t_ns| t_ns.saturating_add(1));
         let last = self.last.filter(|last| last.is_counted == is_counted);
@@ -168,6 +180,18 @@ impl ClockFit {
     /// Returns the estimated state of the device's clock.
     pub fn health(&self) -> ClockHealth {
         self.health
+    }
+
+    /// Measures the sample interval from the arrivals of the first samples.
+    fn measure_interval(&mut self, arrival_ns: i64) {
+        let has_paused = |last_ns: i64| arrival_ns.saturating_sub(last_ns) > RESET_THRESHOLD_NS;
+        if self.last.is_none() || self.t_ns.is_some_and(has_paused) {
+            (self.measured_from_ns, self.count) = (None, 0);
+        }
+        let span_ns = arrival_ns.saturating_sub(*self.measured_from_ns.get_or_insert(arrival_ns));
+        if self.count >= MIN_MEASURED_SAMPLES && span_ns >= MIN_MEASURED_SPAN_NS {
+            self.interval_ns = u64::try_from(span_ns).ok().map(|span_ns| span_ns / self.count);
+        }
     }
 
     /// Restarts the fit at a sample and assigns the time `t_ns` to this sample.

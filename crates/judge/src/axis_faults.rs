@@ -80,6 +80,29 @@ impl AxisMonitor {
     }
 }
 
+/// Detection of a magnetometer that yields no new field.
+#[derive(Debug, Clone, Default)]
+pub(crate) struct FieldMonitor {
+    fields: u64,
+    samples_since_field: u64,
+}
+
+impl FieldMonitor {
+    /// Adds a sample. `has_field` is `true` if a new field arrived with it: one that differs from
+    /// the previous one.
+    pub(crate) fn push(&mut self, has_field: bool) {
+        self.fields += u64::from(has_field);
+        self.samples_since_field = if has_field { 0 } else { self.samples_since_field + 1 };
+    }
+
+    /// Returns the diagnosis of a magnetometer of which only one field arrived, although the body
+    /// has rotated.
+    pub(crate) fn diagnose(&self, has_rotated: bool) -> Option<Diagnosis> {
+        let is_dead = has_rotated && self.fields == 1 && self.samples_since_field >= MIN_STUCK_SAMPLES;
+        is_dead.then(|| diagnosis::stuck("field", "magnetometer", &[0, 1, 2], self.samples_since_field))
+    }
+}
+
 impl Extreme {
     fn push(&mut self, value: f64, others_changed: bool) {
         if value > self.limit {

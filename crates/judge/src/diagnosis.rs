@@ -28,6 +28,8 @@ pub enum InputIssue {
     RateStuck,
     /// An axis of the accelerometer is stuck.
     ForceStuck,
+    /// An axis of the magnetometer is stuck.
+    FieldStuck,
     /// An axis of the gyro is clipped at the limit of its range.
     RateClipped,
     /// An axis of the accelerometer is clipped at the limit of its range.
@@ -73,6 +75,7 @@ impl InputIssue {
             Self::UpsideDown => "upside-down",
             Self::RateStuck => "rate-stuck",
             Self::ForceStuck => "force-stuck",
+            Self::FieldStuck => "field-stuck",
             Self::RateClipped => "rate-clipped",
             Self::ForceClipped => "force-clipped",
         }
@@ -235,22 +238,23 @@ pub(crate) fn field_unit(median_ut: f64) -> Option<Diagnosis> {
     let (text, factor, unit) = match median_ut {
         0.15..1.0 => ("fields in gauss", 100.0, "gauss"),
         0.015..0.1 => ("fields in mT", 1e3, "mT"),
-        150.0..1000.0 => ("fields in thousandths of gauss", 0.1, ""),
+        150.0..1000.0 => ("fields in thousandths of gauss", 0.1, "mgauss"),
         8e3..240e3 => ("fields in nT", 1e-3, "nT"),
-        15e-6..100e-6 => ("fields in T", 1e6, ""),
+        15e-6..100e-6 => ("fields in T", 1e6, "T"),
         _ => return None,
     };
-    let remedy = if unit.is_empty() { scale_remedy("mag", factor) } else { unit_remedy("mag", factor, unit) };
+    let remedy = unit_remedy("mag", factor, unit);
     let evidence = format!("the field is {median_ut:.3e} µT (median), the Earth's field is 22 to 67 µT");
     Some(Diagnosis { issue: InputIssue::FieldUnit, evidence, causes: vec![cause(text, remedy)] })
 }
 
 pub(crate) fn rejected_fields(count: u64) -> Diagnosis {
     let evidence = format!("{count} field samples were rejected: at or beyond field_max_ut, or not finite");
-    // A field in gauss exceeds the limit if a ROS topic declares it to be in tesla.
+    // A field in another unit exceeds the limit if a ROS topic declares it to be in tesla.
     let causes = vec![
         cause("fields in nT", unit_remedy("mag", 1e-3, "nT")),
         cause("fields in gauss on a ROS topic, whose unit is tesla", unit_remedy("mag", 1e-4, "gauss")),
+        cause("fields in µT on a ROS topic", unit_remedy("mag", 1e-6, "uT")),
     ];
     Diagnosis { issue: InputIssue::FieldUnit, evidence, causes }
 }
@@ -364,11 +368,14 @@ pub(crate) fn upside_down(force: [f64; 3], mean_cosine: Option<f64>) -> Diagnosi
 
 pub(crate) fn stuck(quantity: &str, sensor: &str, axes: &[usize], samples: u64) -> Diagnosis {
     let axis_names: Vec<_> = axes.iter().map(|axis| ["x", "y", "z"][*axis]).collect();
-    let issue = if quantity == "rate" { InputIssue::RateStuck } else { InputIssue::ForceStuck };
-    let evidence = format!(
-        "{} of the {quantity} is constant over {samples} samples while other axes change",
-        axis_names.join(", ")
-    );
+    let issue = match quantity {
+        "rate" => InputIssue::RateStuck,
+        "force" => InputIssue::ForceStuck,
+        _ => InputIssue::FieldStuck,
+    };
+    let changing = if axes.len() < 3 { "other axes change" } else { "the body rotates" };
+    let evidence =
+        format!("{} of the {quantity} is constant over {samples} samples while {changing}", axis_names.join(", "));
     let remedy = format!(
         "check the wiring and the driver of the {sensor}; in `--map` of `plumb import` give each axis its own column"
     );

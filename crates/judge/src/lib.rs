@@ -30,7 +30,7 @@ mod rate_unit;
 use messages::{Flags, ImuSample, MagSample};
 
 use axes_vs_gravity::GyroAxesCheck;
-use axis_faults::AxisMonitor;
+use axis_faults::{AxisMonitor, FieldMonitor};
 pub use diagnosis::{Diagnosis, InputIssue, PossibleCause};
 pub use field_queue::FieldQueue;
 use magnitude::MagnitudeCheck;
@@ -80,6 +80,8 @@ pub struct InputCheck {
     orientation: OrientationCheck,
     rate_axes: AxisMonitor,
     force_axes: AxisMonitor,
+    field_axes: AxisMonitor,
+    new_fields: FieldMonitor,
     samples: u64,
     next_tick: u64,
     first_ns: Option<i64>,
@@ -103,6 +105,9 @@ impl Default for InputCheck {
             orientation: OrientationCheck::default(),
             rate_axes: AxisMonitor::new("rate", "gyro", MIN_RATE_RANGE_RAD_S),
             force_axes: AxisMonitor::new("force", "accelerometer", MIN_FORCE_RANGE_M_S2),
+            // Iron in the vehicle can multiply the field, so its range is not checked.
+            field_axes: AxisMonitor::new("field", "magnetometer", f64::INFINITY),
+            new_fields: FieldMonitor::default(),
             samples: 0,
             next_tick: 0,
             first_ns: None,
@@ -173,9 +178,11 @@ impl InputCheck {
         if self.samples > 1 {
             self.magnitude.push_interval(dt_s);
         }
+        self.new_fields.push(mag.is_some());
         match mag {
             Some(mag) if is_in_range(mag.field_ut) => {
                 self.magnitude.push_field(mag.field_ut);
+                self.field_axes.push(mag.field_ut);
                 self.orientation.push_field(mag.field_ut);
             }
             Some(_) => {}
@@ -242,6 +249,7 @@ impl InputCheck {
         let has_rotated = self.gyro_axes.has_enough_windows();
         found.extend(self.rate_axes.diagnose(has_rotated, rate_unit_is_wrong));
         found.extend(self.force_axes.diagnose(has_rotated, false));
+        found.extend(self.field_axes.diagnose(has_rotated, true).or_else(|| self.new_fields.diagnose(has_rotated)));
         found.retain(|diagnosis| !self.reported.contains(&diagnosis.issue));
         self.reported.extend(found.iter().map(|diagnosis| diagnosis.issue));
         found

@@ -9,8 +9,8 @@ use crate::{
     description::Key,
     fault::{self, Fault},
     keys::{Kind, choices, keys},
-    kind::{By, File, FileOr, Flag, Inline, NATURAL, Table, choice, one_of},
-    live_sources::{LiveSources, Port, PortSource, RATE_RANGE_HZ, Stream},
+    kind::{By, File, FileOr, Flag, Inline, NATURAL, Optional, Table, choice, one_of},
+    live_sources::{DEFAULT_RATE_HZ, LiveSources, Port, PortSource, RATE_RANGE_HZ, Stream},
     problem::Problem,
     sensors::{self, Calibrations, GyroSamples, IDENTITY},
     toml_reader::Section,
@@ -151,8 +151,8 @@ pub enum Gnss {
 keys! {
     /// Settings of samples published on the bus by another process.
     pub struct BusSource {
-        /// Nominal sample rate.
-        rate_hz: f64 = 1000.0, RATE_RANGE_HZ, unit "Hz";
+        /// Sample rate. If it is not set, buffers are made for 1000 Hz.
+        rate_hz: Option<f64> = None, Optional(RATE_RANGE_HZ), unit "Hz", example "200";
         /// Kind of rate sample.
         gyro_samples: GyroSamples = GyroSamples::Means, choice();
     }
@@ -235,15 +235,20 @@ impl Ingest {
             .filter(|port| !matches!(port, Port::Serial { path, .. } if path.as_os_str().is_empty()))
     }
 
-    /// Returns the sample rate declared for the source, Hz, or `None` for a recording, which
-    /// contains its own rate.
+    /// Returns the sample rate declared for the source, Hz, or `None` if none is declared. A
+    /// recording contains its own rate.
     pub fn declared_rate_hz(&self) -> Option<f64> {
         match self.source {
             Source::Sim => Some(self.sim.rate_hz),
             Source::Replay => None,
-            Source::Bus => Some(self.bus.rate_hz),
-            _ => self.stream().map(|stream| stream.rate_hz),
+            Source::Bus => self.bus.rate_hz,
+            _ => self.stream().and_then(|stream| stream.rate_hz),
         }
+    }
+
+    /// Returns the sample rate for which buffers are made, Hz: the declared one, if any.
+    pub fn nominal_rate_hz(&self) -> f64 {
+        self.declared_rate_hz().unwrap_or(DEFAULT_RATE_HZ)
     }
 
     fn port_source(&self) -> Option<&PortSource> {

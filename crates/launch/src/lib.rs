@@ -31,6 +31,7 @@
 //! | `toml_reader` | reading and describing a TOML table key by key |
 //! | `description` | description of all keys, for documentation |
 //! | `edit` | replacing sections of a file |
+//! | `effective` | the file with all defaults |
 //! | `service_unit` | drop-in for the systemd unit |
 //! | `problem` | problems of a file, and their display |
 #![forbid(unsafe_code)]
@@ -38,6 +39,7 @@
 mod cockpit;
 mod description;
 mod edit;
+mod effective;
 mod endpoint;
 mod external_stage;
 mod fault;
@@ -65,12 +67,15 @@ pub use graph::{Service, Slot, StageConfig};
 pub use cockpit::{Cockpit, CockpitTls};
 pub use description::{KeyDescription, SectionDescription};
 pub use edit::{EditError, write_sections};
+pub use effective::effective_text;
 pub use external_stage::ExternalStage;
 pub use fault::{Fault, FaultKind, MAX_DELAYED_READINGS, MAX_FAULTS, Sensor};
 pub use format::{Autopilot, Columns, FixMessage, Format, ImuMessage, ReceiverFormat, WitMotion};
 pub use gateway::{Gateway, Import, Tls, TopicRate};
 pub use ingest::{BusSource, Gnss, Ingest, Limits, Replay, Sim, Source};
-pub use live_sources::{Clock, DEFAULT_BAUD, IioDevice, LiveSources, Port, PortSource, ReceiverSource, Stream};
+pub use live_sources::{
+    Clock, DEFAULT_BAUD, DEFAULT_RATE_HZ, IioDevice, LiveSources, Port, PortSource, ReceiverSource, Stream,
+};
 pub use model::{Launch, OnLimit, Restart, StateFile};
 pub use north::{Date, MODEL_YEARS, NorthReference, Position};
 pub use output::Output;

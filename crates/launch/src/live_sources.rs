@@ -8,13 +8,15 @@ use crate::{
     description::Key,
     format::{Autopilot, Format, ReceiverFormat, stream_format},
     keys::{Kind, choices, keys, read},
-    kind::{By, Inline, Table, Text, choice, text},
+    kind::{By, Inline, Optional, Table, Text, choice, text},
     sensors::GyroSamples,
     toml_reader::Section,
 };
 
 /// Allowed sample rates of any source, Hz.
 pub(crate) const RATE_RANGE_HZ: RangeInclusive<f64> = 1.0..=10_000.0;
+/// Sample rate for which buffers are made if none is set, Hz.
+pub const DEFAULT_RATE_HZ: f64 = 1000.0;
 /// Allowed baud rates of a serial line, bit/s.
 const BAUD_RANGE: RangeInclusive<u64> = 50..=20_000_000;
 /// Baud rate of a serial line if none is set, bit/s.
@@ -27,8 +29,8 @@ keys! {
         format: Format = Format::default(), By(stream_format);
         /// Treatment of the device's timestamps.
         clock: Clock = Clock::Host, choice();
-        /// Nominal sample rate.
-        rate_hz: f64 = 1000.0, RATE_RANGE_HZ, unit "Hz";
+        /// Sample rate. If it is not set, it is measured, and buffers are made for 1000 Hz.
+        rate_hz: Option<f64> = None, Optional(RATE_RANGE_HZ), unit "Hz", example "200";
         /// Kind of rate sample.
         gyro_samples: GyroSamples = GyroSamples::Means, choice();
     }
@@ -88,7 +90,7 @@ keys! {
         accel_device: String = String::new(),
             text(r#"the name of a device, such as "lsm6dsm_accel""#, device_name), example r#""lsm6dsm_accel""#;
         /// Settings of the stream. The device determines the format.
-        stream: Stream = Stream { clock: Clock::Device, rate_hz: 100.0, ..Stream::default() },
+        stream: Stream = Stream { clock: Clock::Device, ..Stream::default() },
             Inline(Stream::read_keys);
     }
 }
@@ -133,9 +135,10 @@ keys! {
         /// IMU and receiver of an autopilot that speaks MAVLink. The autopilot is only read.
         mavlink: PortSource = PortSource {
             port: loopback(14_540),
-            stream: Stream { format: Format::Mavlink(Autopilot::default()), rate_hz: 50.0, ..Stream::default() },
+            stream: Stream { format: Format::Mavlink(Autopilot::default()), ..Stream::default() },
         }, Table(mavlink);
-        /// Device of Linux industrial I/O. The device's nearest sample rate is set.
+        /// Device of Linux industrial I/O. The device's sample rate is set to the one nearest to
+        /// rate_hz, or to 100 Hz.
         iio: IioDevice = IioDevice::default(), Table(IioDevice::read_keys);
         /// Satellite receiver used with any of these sources or the bus. Simulations and recordings
         /// ignore it.
@@ -144,7 +147,7 @@ keys! {
 }
 
 impl PortSource {
-    /// Creates a source of CSV lines at 1 kHz.
+    /// Creates a source of CSV lines.
     fn new(port: Option<Port>) -> Self {
         Self { port, stream: Stream::default() }
     }

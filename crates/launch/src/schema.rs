@@ -1,7 +1,7 @@
 //! Reading of a launch file, and the checks that concern several sections.
 
 use crate::{
-    Launch, LaunchError, Problems, Service,
+    Launch, LaunchError, Problems, Service, Source,
     description::SectionDescription,
     problem::{Problem, quoted},
     split,
@@ -118,7 +118,10 @@ fn lateness_problem(launch: &Launch, section: &Section<'_, '_>) -> Problem {
 /// Returns a problem if `buffer_s` exceeds the capacity of a topic. The rate of a recording is not
 /// known yet, so the buffers of a replay are limited when it starts.
 pub(crate) fn buffer_problem(launch: &Launch, section: &Section<'_, '_>) -> Option<Problem> {
-    let rate_hz = launch.ingest.declared_rate_hz()?;
+    let rate_hz = match launch.ingest.source {
+        Source::Replay => return None,
+        _ => launch.ingest.nominal_rate_hz(),
+    };
     let max_s = MAX_TOPIC_MESSAGES as f64 / rate_hz;
     (launch.buffer_s > max_s).then(|| {
         let title = format!("buffer_s = {} at {rate_hz} Hz is more than a topic can hold", launch.buffer_s);

@@ -91,7 +91,7 @@ pub(crate) fn validate(launch: &Launch, section: &Section<'_, '_>) -> Vec<Proble
             }
         }
     }
-    let cache_ticks = gateway.cache_s * ingest.declared_rate_hz().unwrap_or(0.0);
+    let cache_ticks = gateway.cache_s * ingest.nominal_rate_hz();
     if cache_ticks > MAX_CACHE_TICKS as f64 {
         let title = format!("gateway.cache_s = {} is {cache_ticks:.0} ticks", gateway.cache_s);
         report(title, &format!("at most {MAX_CACHE_TICKS} ticks"));

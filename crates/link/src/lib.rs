@@ -138,6 +138,11 @@ impl Link {
         info.peers_zid().wait().count() + info.routers_zid().wait().count()
     }
 
+    /// Returns `true` if a router is connected.
+    pub fn has_router(&self) -> bool {
+        self.session.info().routers_zid().wait().next().is_some()
+    }
+
     /// Waits for messages in transit, then closes the session. Closing notifies the peers
     /// immediately.
     pub fn close(&self) {

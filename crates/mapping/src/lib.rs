@@ -13,6 +13,8 @@
 //! | module | contents |
 //! | --- | --- |
 //! | `mapping` | columns, units and frame |
+//! | `header` | quantities and units in column names |
+//! | `units` | units and the targets that they apply to |
 //! | `rotation` | check for a unit quaternion |
 //! | [`text`] | comments, separators, numbers and times in text |
 //! | [`counter`] | wraps of counters |
@@ -20,10 +22,14 @@
 #![forbid(unsafe_code)]
 
 pub mod counter;
+mod header;
 mod mapping;
 pub mod names;
 mod rotation;
 pub mod text;
+mod units;
 
-pub use mapping::{FIELD, FORCE, Mapping, MappingError, POSITION, RATE, REFERENCE, SCORED, Units};
+pub use header::HeaderError;
+pub use mapping::{Mapping, MappingError, POSITION, REFERENCE, SCORED, Units};
 pub use rotation::is_rotation;
+pub use units::{FIELD, FORCE, RATE, unit_of_earth_field};

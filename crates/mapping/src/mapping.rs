@@ -1,11 +1,14 @@
 //! Parses and applies a column mapping with its units and frame.
 
-use attitude::{
-    GRAVITY_M_S2,
-    frames::{self, Body, Earth},
-};
+use attitude::frames::{self, Body, Earth};
 
-use crate::{names::nearest, rotation::is_rotation, text::without_unit};
+use crate::{
+    header::{self, HeaderError},
+    names::nearest,
+    rotation::is_rotation,
+    text::without_unit,
+    units::{FIELD, FORCE, RATE, UNIT_ALIASES, UNITS, Unit, unit_named},
+};
 
 /// Targets of columns: time, rate, force, field, reference, velocity, position, and whether the row
 /// is scored.
@@ -25,12 +28,6 @@ const REQUIRED: [&str; 7] = ["t", "gx", "gy", "gz", "ax", "ay", "az"];
 /// Targets that a live stream requires. Time is not required, because samples may be stamped on
 /// arrival.
 const REQUIRED_LIVE: [&str; 6] = ["gx", "gy", "gz", "ax", "ay", "az"];
-/// Targets of the body rate.
-pub const RATE: [&str; 3] = ["gx", "gy", "gz"];
-/// Targets of the specific force.
-pub const FORCE: [&str; 3] = ["ax", "ay", "az"];
-/// Targets of the magnetic field.
-pub const FIELD: [&str; 3] = ["mx", "my", "mz"];
 /// Targets of the reference attitude.
 pub const REFERENCE: [&str; 4] = ["qw", "qx", "qy", "qz"];
 /// Target of the column that is 1 in rows that are scored.
@@ -40,49 +37,10 @@ const VELOCITY_DOWN: [&str; 3] = ["ve", "vn", "vd"];
 /// Targets of the position. Each is optional.
 pub const POSITION: [&str; 3] = ["lat", "lon", "alt"];
 
-/// Quantity that a unit measures, with the factor that converts the unit to the internal one.
-#[derive(Debug, Clone, Copy, PartialEq)]
-enum Unit {
-    Rate(f64),
-    Force(f64),
-    Field(f64),
-    /// Number of decimal places needed to write a time in this unit with nanosecond resolution.
-    Time(usize),
-}
-
-const UNITS: [(&str, Unit); 13] = [
-    ("rad/s", Unit::Rate(1.0)),
-    ("deg/s", Unit::Rate(std::f64::consts::PI / 180.0)),
-    ("m/s2", Unit::Force(1.0)),
-    ("g", Unit::Force(GRAVITY_M_S2)),
-    ("mg", Unit::Force(GRAVITY_M_S2 / 1000.0)),
-    ("uT", Unit::Field(1.0)),
-    ("nT", Unit::Field(1e-3)),
-    ("gauss", Unit::Field(100.0)),
-    ("mT", Unit::Field(1e3)),
-    ("s", Unit::Time(9)),
-    ("ms", Unit::Time(6)),
-    ("us", Unit::Time(3)),
-    ("ns", Unit::Time(0)),
-];
-
-/// Other spellings of units.
-const UNIT_ALIASES: [(&str, &str); 14] = [
-    ("°/s", "deg/s"),
-    ("dps", "deg/s"),
-    ("deg/sec", "deg/s"),
-    ("rad/sec", "rad/s"),
-    ("m/s^2", "m/s2"),
-    ("m/s²", "m/s2"),
-    ("Gauss", "gauss"),
-    ("Ga", "gauss"),
-    ("µT", "uT"),
-    ("μT", "uT"),
-    ("µs", "us"),
-    ("μs", "us"),
-    ("milli-g", "mg"),
-    ("sec", "s"),
-];
+/// Rank of names that are neither mapped nor those of a recording.
+const ALIAS_RANK: u8 = 2;
+/// Number of decimal places needed to write a time in seconds with nanosecond resolution.
+const SECOND_DIGITS: usize = 9;
 
 fn default_columns() -> Vec<(&'static str, String)> {
     DEFAULT_COLUMNS.map(|target| (target, target.to_owned())).into()
@@ -99,7 +57,8 @@ pub struct Mapping {
     /// `true` if the columns were named by the user.
     is_explicit: bool,
     units: Units,
-    time_digits: usize,
+    /// Number of decimal places of the unit of time; `None` if the user named no unit.
+    time_digits: Option<usize>,
     body: Option<Body>,
     earth: Option<Earth>,
 }
@@ -118,7 +77,7 @@ pub struct Units {
 impl Default for Mapping {
     fn default() -> Self {
         let columns = default_columns();
-        Self { columns, is_explicit: false, units: Units::default(), time_digits: 9, body: None, earth: None }
+        Self { columns, is_explicit: false, units: Units::default(), time_digits: None, body: None, earth: None }
     }
 }
 
@@ -258,7 +217,7 @@ impl Mapping {
         let mut chosen: [Option<&'static str>; 4] = [None; 4];
         for found in units.split(',').map(str::trim).filter(|found| !found.is_empty()) {
             let plain = UNIT_ALIASES.iter().find(|(alias, _)| *alias == found).map_or(found, |(_, name)| name);
-            let Some(&(name, unit)) = UNITS.iter().find(|(name, _)| *name == plain) else {
+            let Some((name, unit)) = UNITS.into_iter().find(|(name, _)| *name == plain) else {
                 let names = UNITS.map(|(name, _)| name);
                 let same_letters = names.into_iter().find(|name| name.eq_ignore_ascii_case(found));
                 let suggestion = same_letters.or_else(|| nearest(found, names));
@@ -273,14 +232,91 @@ impl Mapping {
             if let Some(first) = chosen[index].replace(name) {
                 return Err(MappingError::DuplicateUnit { quantity, first, second: name });
             }
-            match unit {
-                Unit::Rate(factor) => self.units.rate = Some(factor),
-                Unit::Force(factor) => self.units.force = Some(factor),
-                Unit::Field(factor) => self.units.field = Some(factor),
-                Unit::Time(digits) => self.time_digits = digits,
-            }
+            self.set_unit(unit);
         }
         Ok(())
+    }
+
+    fn set_unit(&mut self, unit: Unit) {
+        match unit {
+            Unit::Rate(factor) => self.units.rate = Some(factor),
+            Unit::Force(factor) => self.units.force = Some(factor),
+            Unit::Field(factor) => self.units.field = Some(factor),
+            Unit::Time(digits) => self.time_digits = Some(digits),
+        }
+    }
+
+    /// Returns the names of the units that are set.
+    fn unit_names(&self) -> Vec<&'static str> {
+        let Units { rate, force, field } = self.units;
+        let is_set = |unit: Unit| match unit {
+            Unit::Rate(factor) => rate == Some(factor),
+            Unit::Force(factor) => force == Some(factor),
+            Unit::Field(factor) => field == Some(factor),
+            Unit::Time(digits) => self.time_digits == Some(digits),
+        };
+        UNITS.into_iter().filter(|(_, unit)| is_set(*unit)).map(|(name, _)| name).collect()
+    }
+
+    /// Takes the units that the column names state, for quantities without a unit in the mapping.
+    /// Returns the new mapping, and the names of these units without the default ones.
+    ///
+    /// `names_of` returns the names of the columns that hold a target. `needs_time_unit` is `false`
+    /// if the times are dates or times of day, which have no unit.
+    ///
+    /// # Errors
+    ///
+    /// Returns an error if names of one quantity state different units, or if a name that is not
+    /// a default one states no unit.
+    pub fn with_header_units<'a>(
+        &self,
+        names_of: impl Fn(&'static str) -> Vec<&'a str>,
+        needs_time_unit: bool,
+    ) -> Result<(Self, Vec<&'static str>), HeaderError> {
+        let Units { rate, force, field } = self.units;
+        let (mut mapping, mut changed) = (self.clone(), Vec::new());
+        let (mut unitless, mut defaults) = (Vec::new(), Vec::new());
+        let quantities: [(&str, &[&'static str], &str, bool); 4] = [
+            ("rate", &RATE, "rad/s", rate.is_some()),
+            ("force", &FORCE, "m/s2", force.is_some()),
+            ("field", &FIELD, "uT", field.is_some()),
+            ("time", &["t"], "s", self.time_digits.is_some()),
+        ];
+        for (quantity, targets, default, _) in quantities.into_iter().filter(|(.., is_named)| !is_named) {
+            let mut found: Option<(&str, &'static str)> = None;
+            let mut alias = None;
+            for target in targets {
+                for name in names_of(target) {
+                    let is_default =
+                        self.is_explicit || self.match_rank(target, name).is_some_and(|rank| rank < ALIAS_RANK);
+                    alias = alias.or((!is_default).then_some(name));
+                    for unit in header::units(target, name) {
+                        let (first, known) = *found.get_or_insert((name, unit));
+                        if known != unit {
+                            let remedy = [self.unit_names(), vec![known]].concat().join(",");
+                            let (first, second, units) = (first.to_owned(), name.to_owned(), [known, unit]);
+                            return Err(HeaderError::DifferentUnits { quantity, first, second, units, remedy });
+                        }
+                    }
+                }
+            }
+            match (found, alias) {
+                (Some((_, name)), _) => {
+                    unit_named(name).into_iter().for_each(|unit| mapping.set_unit(unit));
+                    changed.extend((name != default).then_some(name));
+                }
+                (None, Some(name)) if quantity != "time" || needs_time_unit => {
+                    unitless.push(name.to_owned());
+                    defaults.push(default);
+                }
+                _ => {}
+            }
+        }
+        if unitless.is_empty() {
+            return Ok((mapping, changed));
+        }
+        let remedy = [self.unit_names(), defaults].concat().join(",");
+        Err(HeaderError::MissingUnits { names: unitless, remedy })
     }
 
     /// Returns `true` if columns were mapped explicitly, in which case all of them are required.
@@ -303,7 +339,7 @@ impl Mapping {
     ///
     /// Returns `None` if `bits` is not within 1 to 63 or the period exceeds an `i64`.
     pub fn wrap_period_ns(&self, bits: u64) -> Option<u64> {
-        let count_ns = u32::try_from(self.time_digits).ok().and_then(|digits| 10u64.checked_pow(digits))?;
+        let count_ns = u32::try_from(self.time_digits()).ok().and_then(|digits| 10u64.checked_pow(digits))?;
         let counts = (1..64).contains(&bits).then(|| 1u64 << bits)?;
         counts.checked_mul(count_ns).filter(|period_ns| i64::try_from(*period_ns).is_ok())
     }
@@ -349,14 +385,25 @@ impl Mapping {
         self.body.unwrap_or_default()
     }
 
-    /// Returns `true` if a column of this name holds `target`. A unit in brackets at the end of
-    /// the name is ignored. The time of a recording is called `t_s`.
-    pub fn matches(&self, target: &str, name: &str) -> bool {
+    /// Returns how well the name of a column fits `target`, best first; `None` if the column does
+    /// not hold it. Among several columns, those with the lowest rank are meant.
+    ///
+    /// A unit in brackets at the end of the name is ignored. The time of a recording is called
+    /// `t_s`. Without a mapping of the columns, names such as `gyro_x` or `GyroX_dps` also fit.
+    pub fn match_rank(&self, target: &str, name: &str) -> Option<u8> {
         let column = self.column(target).unwrap_or(target);
+        let plain = without_unit(name);
         // Without a mapping of the columns, a unit of time also applies to this column.
-        let is_seconds = !self.is_explicit || self.time_digits == 9;
-        let is_recording_time = column == "t" && name == RECORDING_TIME_COLUMN && is_seconds;
-        name == column || without_unit(name) == column || is_recording_time
+        let is_seconds = !self.is_explicit || self.time_digits() == SECOND_DIGITS;
+        let is_recording_time = column == "t" && plain == RECORDING_TIME_COLUMN && is_seconds;
+        if name == column {
+            Some(0)
+        } else if plain == column || is_recording_time {
+            Some(1)
+        } else {
+            let is_alias = !self.is_explicit && header::parse(name).is_some_and(|found| found.target == target);
+            is_alias.then_some(ALIAS_RANK)
+        }
     }
 
     /// Returns the body rate, rad/s, right, forward, up, from the columns of [`RATE`].
@@ -376,7 +423,7 @@ impl Mapping {
 
     /// Returns the number of decimal places needed to write a time with nanosecond resolution.
     pub fn time_digits(&self) -> usize {
-        self.time_digits
+        self.time_digits.unwrap_or(SECOND_DIGITS)
     }
 }
 

@@ -277,7 +277,7 @@ fn data() -> Option<PathBuf> {
     None
 }
 
-#[test]
+#[recorded::test]
 fn broad_trial_is_read_completely() {
     let Some(data) = data() else { return };
     let survey = survey(&data.join("broad/02_undisturbed_slow_rotation_B.csv.gz")).unwrap();
@@ -285,7 +285,7 @@ fn broad_trial_is_read_completely() {
     assert!((survey.rate_hz - 1.0 / 0.0035).abs() < 1e-9, "{survey:?}");
 }
 
-#[test]
+#[recorded::test]
 fn flight_is_read_completely() {
     let Some(data) = data() else { return };
     let survey = survey(&data.join("flights/apm_plane_log2_imu.csv.gz")).unwrap();

@@ -56,20 +56,31 @@ const MAX_RATE_RATIO: f64 = 1.5;
 /// restarts causes fewer steps.
 const MIN_CLOCK_STEPS: u64 = 5;
 
+/// Check of the measured rate.
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
+pub(crate) enum RateCheck {
+    /// Measurements may arrive at any rate.
+    #[default]
+    None,
+    /// The rate is declared, Hz.
+    Declared(f64),
+    /// The rate is not declared. The buffers are made for this rate, Hz.
+    AtMost(f64),
+}
+
 /// Reports of one device from the last [`WINDOW_S`] seconds.
 #[derive(Debug, Default)]
 pub(crate) struct DeviceMonitor {
     /// Prefix of the problem kinds, to distinguish two devices.
     kind_prefix: &'static str,
-    /// Declared rate of the measurements, Hz; `None` if they may arrive at any rate.
-    declared_hz: Option<f64>,
+    rate: RateCheck,
     reports: VecDeque<(DeviceReport, u64)>,
     silent_s: usize,
 }
 
 impl DeviceMonitor {
-    pub(crate) fn new(kind_prefix: &'static str, declared_hz: Option<f64>) -> Self {
-        Self { kind_prefix, declared_hz, ..Self::default() }
+    pub(crate) fn new(kind_prefix: &'static str, rate: RateCheck) -> Self {
+        Self { kind_prefix, rate, ..Self::default() }
     }
 
     /// Records the report of one second and returns the current problems.
@@ -170,14 +181,22 @@ impl DeviceMonitor {
         }
         let seconds = self.reports.len() as f64 - 1.0;
         let rate_hz = (last.measurements - first.measurements) as f64 / seconds;
-        if let Some(declared_hz) = self.declared_hz
-            && seconds >= SILENCE_S as f64
-            && (rate_hz > MAX_RATE_RATIO * declared_hz || self.is_slower_than(declared_hz / MAX_RATE_RATIO))
-        {
+        let expectation = match self.rate {
+            RateCheck::Declared(declared_hz)
+                if rate_hz > MAX_RATE_RATIO * declared_hz || self.is_slower_than(declared_hz / MAX_RATE_RATIO) =>
+            {
+                Some(format!("rate_hz declares {declared_hz:.0}"))
+            }
+            RateCheck::AtMost(nominal_hz) if rate_hz > MAX_RATE_RATIO * nominal_hz => {
+                Some(format!("the buffers are made for {nominal_hz:.0}"))
+            }
+            RateCheck::None | RateCheck::Declared(_) | RateCheck::AtMost(_) => None,
+        };
+        if let Some(expectation) = expectation.filter(|_| seconds >= SILENCE_S as f64) {
             let measured_hz = self.recent_rates_hz().sum::<f64>() / SILENCE_S as f64;
             add(
                 RATE,
-                format!("{port}: {measured_hz:.0} measurements/s arrive, rate_hz declares {declared_hz:.0}"),
+                format!("{port}: {measured_hz:.0} measurements/s arrive, {expectation}"),
                 format!(
                     "set rate_hz = {measured_hz:.0}: buffers follow from it, and measurements without room are lost"
                 ),
@@ -236,7 +255,7 @@ mod tests {
 
     /// Returns the kinds of the problems that are present after `seconds` reports, one per second.
     fn kinds_after(seconds: u64, report_at: impl Fn(u64) -> (DeviceReport, u64)) -> Vec<String> {
-        let mut monitor = DeviceMonitor::new("", Some(100.0));
+        let mut monitor = DeviceMonitor::new("", RateCheck::Declared(100.0));
         let mut diagnostics = Vec::new();
         for second in 1..=seconds {
             let (report, steps) = report_at(second);
@@ -302,6 +321,17 @@ mod tests {
         let paused =
             |second: u64| (DeviceReport { measurements: 100 * (second - u64::from(second > 5)), ..good(second) }, 0);
         assert_eq!(kinds_after(7, paused), [""; 0], "a pause of 1 s");
+    }
+
+    #[test]
+    fn undeclared_rate_is_reported_only_above_the_buffers() {
+        for (rate_hz, expected) in [(10, 0), (1400, 0), (1600, 1)] {
+            let mut monitor = DeviceMonitor::new("", RateCheck::AtMost(1000.0));
+            let report = |second: u64| DeviceReport { measurements: rate_hz * second, ..good(second) };
+            let last = (1..=8).map(|second| monitor.update(report(second), 0)).last().unwrap();
+            assert_eq!(last.len(), expected, "{rate_hz} Hz: {last:?}");
+            assert!(last.iter().all(|problem| problem.found.raw().contains("made for 1000")), "{last:?}");
+        }
     }
 
     #[test]

@@ -28,6 +28,8 @@ use crate::{
 const BUFFER_BYTES: usize = 1 << 16;
 /// Pause before reopening the device.
 const RETRY_PAUSE: Duration = Duration::from_secs(1);
+/// Sample rate to which the device is set if none is declared, Hz.
+const DEFAULT_RATE_HZ: f64 = 100.0;
 const CHECK_DEVICE: &str = "check that the device is present: cat /sys/bus/iio/devices/*/name";
 
 /// Device that may currently be closed.
@@ -139,11 +141,12 @@ impl Input for IioInput {
 impl OpenDevice {
     fn open(settings: &IioDevice) -> Result<Self, OpenError> {
         let IioDevice { root, dev, device, accel_device, stream } = settings;
+        let rate_hz = stream.rate_hz.unwrap_or(DEFAULT_RATE_HZ);
         let open_one = |name: &str| -> Result<(File, Layout), OpenError> {
             let folder = sysfs::find(root, name)?;
             // The buffer holds one second of records, so that a short stall of this process loses
             // none.
-            let layout = sysfs::prepare(&folder, (stream.rate_hz.ceil() as u32).max(64), Some(stream.rate_hz))?;
+            let layout = sysfs::prepare(&folder, (rate_hz.ceil() as u32).max(64), Some(rate_hz))?;
             if stream.clock == launch::Clock::Device && layout.clock != Clock::Monotonic {
                 return Err(OpenError::Clock(layout.clock));
             }

@@ -61,7 +61,7 @@ use runtime::{ServiceContext, clock::monotonic_ns};
 
 pub use error::DriversError;
 
-use device_monitor::DeviceMonitor;
+use device_monitor::{DeviceMonitor, RateCheck};
 use diagnostics_publisher::DiagnosticsPublisher;
 use iio::IioInput;
 use input::{Input, READ_TIMEOUT, ReadOutcome};
@@ -89,9 +89,13 @@ pub fn run() -> Result<(), DriversError> {
     let receiver = Receiver::start(&ingest.live.receiver)?;
     let mut diagnostics = DiagnosticsPublisher::start(context.config.launch.name.clone())?;
     // A source in lockstep is read at the speed of ingest, so its rate is not checked.
-    let declared_hz = ingest.stream().filter(|_| !context.config.is_lockstep()).map(|stream| stream.rate_hz);
-    let mut source_monitor = DeviceMonitor::new("", declared_hz);
-    let mut receiver_monitor = DeviceMonitor::new("receiver-", None);
+    let rate = match ingest.declared_rate_hz() {
+        _ if context.config.is_lockstep() => RateCheck::None,
+        Some(declared_hz) => RateCheck::Declared(declared_hz),
+        None => RateCheck::AtMost(ingest.nominal_rate_hz()),
+    };
+    let mut source_monitor = DeviceMonitor::new("", rate);
+    let mut receiver_monitor = DeviceMonitor::new("receiver-", RateCheck::None);
     let mut next_diagnostics = Instant::now() + DIAGNOSTICS_INTERVAL;
     let mut measurements = Vec::new();
     let mut state = State::READY;
@@ -103,6 +107,7 @@ pub fn run() -> Result<(), DriversError> {
             next_diagnostics = Instant::now() + DIAGNOSTICS_INTERVAL;
             let mut problems = report.clone().map_or(Vec::new(), |report| source_monitor.update(report, clock_steps));
             problems.extend(receiver.iter().flat_map(|receiver| receiver_monitor.update(receiver.report(), 0)));
+            problems.extend(publisher.assumed_rate());
             diagnostics.publish(problems);
         }
         context.publish_health(state, |health| {
@@ -133,7 +138,12 @@ pub fn run() -> Result<(), DriversError> {
         }
         measurements.extend(receiver.iter().flat_map(Receiver::queued_fixes));
         let arrival_ns = monotonic_ns().cast_signed();
+        let had_assumed_rate = publisher.assumed_rate().is_some();
         measurements.drain(..).for_each(|measurement| publisher.push(&measurement, arrival_ns));
+        if publisher.assumed_rate().is_some() && !had_assumed_rate {
+            // A short input may end before the next report is due.
+            next_diagnostics = Instant::now();
+        }
     }
     let sent = publisher.sent();
     let dropped = source.map_or(0, |source| source.report().dropped_datagrams);

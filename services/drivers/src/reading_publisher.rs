@@ -3,12 +3,13 @@
 use std::collections::VecDeque;
 
 use bus::{BusError, Publisher};
+use control::Diagnostic;
 use decoders::{DeviceTime, Measurement, Value};
 use driver::{
     Stamp,
     clock_fit::{ClockFit, ClockHealth},
 };
-use launch::{Clock, Stream};
+use launch::{Clock, DEFAULT_RATE_HZ, Stream};
 use mapping::counter::wrap_ns;
 use messages::{ReceiverReading, SensorReading};
 use runtime::{RuntimeError, ServiceContext};
@@ -23,6 +24,7 @@ pub(crate) struct ReadingPublisher {
     /// Clock of the device, if its timestamps are used unchanged.
     device_clock: DeviceClock,
     interval_s: f64,
+    has_declared_rate: bool,
     /// Number of readings without a device timestamp.
     unstamped_count: u64,
     /// Magnetic field that arrived separately and will be combined with the next reading.
@@ -73,9 +75,10 @@ impl ReadingPublisher {
             sensor,
             receiver: context.publisher()?,
             clock: stream.map_or(Clock::Host, |stream| stream.clock),
-            fit: stream.map_or_else(ClockFit::new, |stream| ClockFit::with_rate(stream.rate_hz)),
+            fit: stream.and_then(|stream| stream.rate_hz).map_or_else(ClockFit::new, ClockFit::with_rate),
             device_clock: DeviceClock::default(),
-            interval_s: stream.map_or(0.0, |stream| 1.0 / stream.rate_hz),
+            interval_s: 1.0 / stream.and_then(|stream| stream.rate_hz).unwrap_or(DEFAULT_RATE_HZ),
+            has_declared_rate: stream.is_none_or(|stream| stream.rate_hz.is_some()),
             unstamped_count: 0,
             field_ut: None,
             queue: VecDeque::new(),
@@ -93,6 +96,16 @@ impl ReadingPublisher {
     /// fitted.
     pub(crate) fn clock_health(&self) -> ClockHealth {
         self.fit.health()
+    }
+
+    /// Returns a problem if readings without times are spaced by the default rate, because none is
+    /// declared.
+    pub(crate) fn assumed_rate(&self) -> Option<Diagnostic> {
+        (!self.has_declared_rate && self.unstamped_count > 0).then(|| Diagnostic {
+            kind: "assumed-rate".into(),
+            found: format!("the readings have no times; {DEFAULT_RATE_HZ:.0} Hz is assumed").into(),
+            remedy: "set rate_hz to the rate of the sensor, or send a time in the column t".into(),
+        })
     }
 
     /// Queues a measurement that arrived at `arrival_ns` on CLOCK_MONOTONIC.

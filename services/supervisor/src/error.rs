@@ -49,7 +49,7 @@ pub enum UpError {
     Failed(#[from] Failure),
     /// The source yielded no reading.
     #[error(
-        "{source_name} yielded no reading: no line or message had rate and force; name the columns with map, such as map=gx=COLUMN,gy=COLUMN,…, or select another format"
+        "{source_name} yielded no reading: no line or message had rate and force; name the columns with map, such as map=gx=COLUMN,gy=COLUMN,…, and their units with units, such as units=deg/s,g, or select another format"
     )]
     NoReadings {
         /// Name of the source.
@@ -78,6 +78,11 @@ pub enum UpError {
         "cannot read samples from standard input: it is a terminal; pipe a program or a file into it: PROGRAM | plumb up --source stdin"
     )]
     Terminal,
+    /// The run time on standard input needs a rate, because it is counted in readings.
+    #[error(
+        "--for needs the rate of the readings on standard input: add it to the source, such as --source 'stdin?rate_hz=100'"
+    )]
+    DurationWithoutRate,
     /// A receiver was given for a source that includes fixes.
     #[error(
         "--receiver needs a device as source, because simulations and recordings contain their own fixes; add for example --source serial:/dev/ttyUSB0"
@@ -176,6 +181,7 @@ impl UpError {
             | Self::OutIsReplay { .. }
             | Self::Split { .. }
             | Self::Terminal
+            | Self::DurationWithoutRate
             | Self::Receiver
             | Self::NoBus => 2,
             _ => 1,

@@ -54,6 +54,8 @@ pub struct Request {
     /// Services that this executable lacks, each with the feature that adds it. The built-in launch
     /// file runs without these services. Other launch files must not list them.
     pub absent_services: Vec<(Service, &'static str)>,
+    /// `true` to show no progress, only events, warnings and errors.
+    pub quiet: bool,
 }
 
 /// Validated configuration of a run.
@@ -75,6 +77,8 @@ pub struct Plan {
     pub state_file: Option<PathBuf>,
     /// `true` for a cold start, which ignores an existing state file.
     pub cold: bool,
+    /// `true` to show no progress.
+    pub quiet: bool,
 }
 
 impl Plan {
@@ -124,14 +128,16 @@ impl Plan {
                 let survey = recording::survey(file)?;
                 (survey.rate_hz, Some(survey.rows), survey.has_reference)
             }
-            // All other sources declare their rate.
-            source => {
-                let rate_hz = launch.ingest.declared_rate_hz().unwrap_or(launch.ingest.sim.rate_hz);
-                (rate_hz, None, source == Source::Sim)
-            }
+            source => (launch.ingest.nominal_rate_hz(), None, source == Source::Sim),
         };
         if launch.ingest.source == Source::Stdin && io::stdin().is_terminal() {
             return Err(UpError::Terminal);
+        }
+        if launch.ingest.source == Source::Stdin
+            && request.duration_s.is_some()
+            && launch.ingest.declared_rate_hz().is_none()
+        {
+            return Err(UpError::DurationWithoutRate);
         }
         let is_live = !launch.ingest.source.is_repeatable() && !launch.ingest.source.is_blocking();
         if launch.north.is_true && launch.north.date.is_none() {
@@ -151,6 +157,7 @@ impl Plan {
             stop_after_s: request.duration_s.filter(|_| is_live),
             has_reference: has_reference && config.launch.gateway.import.is_none(),
             recording: request.replay.clone(),
+            quiet: request.quiet,
             out: out_file(request, &config.launch),
             state_file: state_file_path(&config.launch, !config.is_lockstep() && !request.in_process),
             cold: request.cold,
@@ -176,6 +183,7 @@ impl Plan {
             stop_after_s: None,
             has_reference: config.launch.ingest.source.is_repeatable(),
             recording: request.replay.clone(),
+            quiet: request.quiet,
             out: out_file(request, &config.launch),
             state_file: None,
             cold: request.cold,

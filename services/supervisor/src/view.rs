@@ -26,6 +26,8 @@ pub(crate) struct View {
     ticks: Option<u64>,
     rate_hz: f64,
     has_reference: bool,
+    /// `true` if only events, warnings and errors are shown.
+    quiet: bool,
     last_line: Instant,
     last_line_ticks: u64,
     ticks_per_s: f64,
@@ -35,9 +37,9 @@ pub(crate) struct View {
 
 impl View {
     pub(crate) fn new(plan: &Plan) -> Result<Self, UpError> {
-        let painter = Painter::new(HEADER_LINES + plan.config.launch.services.len(), plan.ticks)?;
+        let painter = Painter::new(HEADER_LINES + plan.config.launch.services.len(), plan.ticks, plan.quiet)?;
         let header = header(plan);
-        if !painter.is_terminal() {
+        if !painter.is_terminal() && !plan.quiet {
             painter.print_line(header.clone());
         }
         Ok(Self {
@@ -46,6 +48,7 @@ impl View {
             ticks: plan.ticks,
             rate_hz: plan.config.rate_hz,
             has_reference: plan.has_reference,
+            quiet: plan.quiet,
             last_line: Instant::now(),
             last_line_ticks: 0,
             ticks_per_s: 0.0,
@@ -67,6 +70,9 @@ impl View {
         if is_new_line {
             self.ticks_per_s = (ticks - self.last_line_ticks) as f64 / elapsed_s;
             (self.last_line, self.last_line_ticks) = (Instant::now(), ticks);
+        }
+        if self.quiet {
+            return;
         }
         let (attitude, error) = (attitude(collector), self.error(collector));
         if self.painter.is_terminal() {
@@ -139,8 +145,10 @@ fn header(plan: &Plan) -> String {
         Pace::Speed(speed) => format!(", speed {speed}"),
     };
     let [gyro, accel, fuser] = [&launch.gyro, &launch.accel, &launch.fuser].map(|slot| &slot.stage);
-    let rate_hz = plan.config.rate_hz;
-    format!("{}: {source} at {rate_hz:.0} Hz{pace}; {gyro} + {accel} → {fuser}; press Ctrl-C to stop", launch.name)
+    let declared_hz = launch.ingest.declared_rate_hz();
+    let rate_hz = if launch.ingest.source == Source::Replay { Some(plan.config.rate_hz) } else { declared_hz };
+    let rate = rate_hz.map_or(String::new(), |rate_hz| format!(" at {rate_hz:.0} Hz"));
+    format!("{}: {source}{rate}{pace}; {gyro} + {accel} → {fuser}; press Ctrl-C to stop", launch.name)
 }
 
 fn attitude(collector: &Collector) -> String {

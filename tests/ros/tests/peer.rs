@@ -71,7 +71,44 @@ struct Imu {
     linear_acceleration_covariance: [f64; 9],
 }
 
+#[derive(Debug, Clone, Default, Serialize, Deserialize, MessageTypeInfo)]
+#[ros_msg(type_name = "sensor_msgs/msg/MagneticField")]
+struct MagneticField {
+    header: Header,
+    magnetic_field: Vector3,
+    magnetic_field_covariance: [f64; 9],
+}
+
+#[derive(Debug, Clone, Default, Serialize, Deserialize, MessageTypeInfo)]
+#[ros_msg(type_name = "geometry_msgs/msg/Transform")]
+struct Transform {
+    translation: Vector3,
+    rotation: Quaternion,
+}
+
+#[derive(Debug, Clone, Default, Serialize, Deserialize, MessageTypeInfo)]
+#[ros_msg(type_name = "geometry_msgs/msg/TransformStamped")]
+struct TransformStamped {
+    header: Header,
+    child_frame_id: String,
+    transform: Transform,
+}
+
+#[derive(Debug, Clone, Default, Serialize, Deserialize, MessageTypeInfo)]
+#[ros_msg(type_name = "tf2_msgs/msg/TFMessage")]
+struct TfMessage {
+    transforms: Vec<TransformStamped>,
+}
+
 impl ZMessage for Imu {
+    type Serdes = SerdeCdrSerdes<Self>;
+}
+
+impl ZMessage for MagneticField {
+    type Serdes = SerdeCdrSerdes<Self>;
+}
+
+impl ZMessage for TfMessage {
     type Serdes = SerdeCdrSerdes<Self>;
 }
 
@@ -80,10 +117,18 @@ fn hiroz_node_receives_attitudes_of_output_file() {
     let (ros, port) = router();
     let node = ros.create_node("listener").build().unwrap();
     let imus = node.create_sub::<Imu>("imu/data").build().unwrap();
-    let system = System::start(port, "ingest.sim.scenario = \"tumble\"");
+    let transforms = node.create_sub::<TfMessage>("tf").build().unwrap();
+    let fields = node.create_sub::<MagneticField>("imu/mag").build().unwrap();
+    let system = System::start(port, "ingest.sim.scenario = \"s3\"");
     let mut bridge = system.bridge("ros", port, &["--frame-id", "body"]);
 
     let received: Vec<Imu> = (0..200).map(|_| imus.recv_timeout(TIMEOUT).unwrap()).collect();
+    let transform = transforms.recv_timeout(TIMEOUT).unwrap();
+    let field = fields.recv_timeout(TIMEOUT).unwrap();
+    let type_info = |topic| endpoint(&ros, EndpointKind::Publisher, topic).type_info;
+    assert_eq!(type_info("/tf"), Some(TfMessage::type_info()));
+    assert_eq!(type_info("/imu/mag"), Some(MagneticField::type_info()));
+    assert_eq!(ros.graph().count(EndpointKind::Publisher, "/diagnostics"), 1);
     let publisher = endpoint(&ros, EndpointKind::Publisher, "/imu/data");
     assert_eq!(publisher.node.as_ref().map(|node| node.name.as_str()), Some("plumbline"), "{publisher:?}");
     println!("{:?}", publisher.type_info);
@@ -116,6 +161,15 @@ fn hiroz_node_receives_attitudes_of_output_file() {
     let step_ns = (nanoseconds(&received[199]) - nanoseconds(&received[0])) / 199;
     assert!((9_500_000..10_500_000).contains(&step_ns), "{step_ns} ns between messages");
     assert!(received.iter().all(|imu| imu.header.frame_id == "body" && imu.orientation_covariance[0] > 0.0));
+
+    let [transform] = transform.transforms.as_slice() else { panic!("{transform:?}") };
+    assert_eq!((transform.header.frame_id.as_str(), transform.child_frame_id.as_str()), ("map", "body"));
+    let Quaternion { x, y, z, w } = transform.transform.rotation;
+    let nearest = received.iter().map(|imu| max_difference(of(imu), [w, x, y, z])).fold(f64::INFINITY, f64::min);
+    assert!(nearest < 1e-15, "no Imu has the orientation of {transform:?}");
+    let Vector3 { x, y, z } = field.magnetic_field;
+    let field_t = (x * x + y * y + z * z).sqrt();
+    assert!(field.header.frame_id == "body" && (20e-6..70e-6).contains(&field_t), "{field:?}");
 }
 
 #[test]
@@ -230,7 +284,8 @@ impl System {
 
     fn services(&self) -> Vec<Value> {
         let output = Command::new(plumb()).args(["ps", "--json", "--system", &self.name]).output().unwrap();
-        serde_json::from_slice(&output.stdout).unwrap_or_default()
+        let status: Value = serde_json::from_slice(&output.stdout).unwrap_or_default();
+        status["services"].as_array().cloned().unwrap_or_default()
     }
 
     fn is_up(&self) -> bool {

@@ -10,13 +10,17 @@
 //!
 //! | module | contents |
 //! | --- | --- |
-//! | [`mavlink`] | HEARTBEAT, ATTITUDE_QUATERNION and ATTITUDE |
-//! | [`ros`] | `sensor_msgs/Imu` of ROS 2, as rmw_zenoh encodes it |
+//! | [`mavlink`] | HEARTBEAT, ATTITUDE_QUATERNION, ATTITUDE, ODOMETRY and GLOBAL_POSITION_INT |
+//! | [`ros`] | keys, liveliness tokens and attachments of ROS 2, as in rmw_zenoh |
+//! | [`ros_messages`] | messages of ROS 2 |
+//! | [`diagnostics`] | statuses of a system for `/diagnostics` |
 //! | [`validity`] | check before an attitude is sent |
 //! | [`datagrams`] | non-blocking UDP sender |
 #![forbid(unsafe_code)]
 
 pub mod datagrams;
+pub mod diagnostics;
 pub mod mavlink;
 pub mod ros;
+pub mod ros_messages;
 pub mod validity;

@@ -1,22 +1,13 @@
-//! ROS 2 over Zenoh, as rmw_zenoh encodes it: `sensor_msgs/msg/Imu`.
+//! Nodes, publishers and subscriptions of ROS 2 over Zenoh, as rmw_zenoh declares them.
 //!
-//! - Input: an attitude and the sample of its tick, in the native frame.
-//! - Output: keys, liveliness tokens, attachments, and messages as CDR (XCDR1, little-endian).
-//! - Frames: REP 103 and REP 145. The orientation is that of the body axes forward, left, up in the
-//!   earth axes east, north, up. Rate and force are in forward, left, up; at rest the force is +g
-//!   upwards.
-//! - Time: `stamp_ns` is in nanoseconds since 1970.
+//! - Input: names and types of topics.
+//! - Output: keys, liveliness tokens and attachments. [`ros_messages`](crate::ros_messages) encodes
+//!   the messages.
 //! - Failure: an invalid topic or frame name is rejected.
 //!
 //! Sources: docs/design.md of rmw_zenoh for keys, tokens and attachments, in the form written by
 //! the crate `hiroz-protocol` 0.2.1; REP 2011 for the type hashes of the message definitions in ROS
-//! 2 jazzy.
-
-use attitude::frames::{Body, Frame};
-use byteorder::LittleEndian;
-use messages::{AttitudeOutput, ImuSample};
-use runtime::frames::attitude_to_frame;
-use serde::Serialize;
+//! 2 jazzy, computed by `rosbags`.
 
 /// Type name of `sensor_msgs/msg/Imu` in keys, and hash of its definition.
 const IMU_TYPE_AND_HASH: [&str; 2] =
@@ -26,11 +17,18 @@ const MAGNETIC_FIELD_TYPE_AND_HASH: [&str; 2] = [
     "sensor_msgs::msg::dds_::MagneticField_",
     "RIHS01_e80f32f56a20486c9923008fc1a1db07bbb273cbbf6a5b3bfa00835ee00e4dff",
 ];
+/// Type name of `tf2_msgs/msg/TFMessage` in keys, and hash of its definition.
+const TF_MESSAGE_TYPE_AND_HASH: [&str; 2] =
+    ["tf2_msgs::msg::dds_::TFMessage_", "RIHS01_e369d0f05a23ae52508854b66f6aa0437f3449d652e8cbf22d5abe85d020f087"];
+/// Type name of `diagnostic_msgs/msg/DiagnosticArray` in keys, and hash of its definition.
+const DIAGNOSTIC_ARRAY_TYPE_AND_HASH: [&str; 2] = [
+    "diagnostic_msgs::msg::dds_::DiagnosticArray_",
+    "RIHS01_5a8a36efb05fb25070fa0fb3810290c0e6cd4862b54a8fb975a1ee8dc55a333e",
+];
 /// QoS profile: reliable, volatile, history of 10. Defaults are omitted.
 const QOS: &str = "::,10:,:,:,,";
-const NODE_NAME: &str = "plumbline";
-/// Header of plain CDR, little-endian.
-const ENCAPSULATION_HEADER: [u8; 4] = [0, 1, 0, 0];
+/// Name of the node.
+pub const NODE_NAME: &str = "plumbline";
 /// Maximum length of a topic or frame name.
 const MAX_NAME_BYTES: usize = 200;
 
@@ -41,6 +39,10 @@ pub enum MessageType {
     Imu,
     /// `sensor_msgs/msg/MagneticField`.
     MagneticField,
+    /// `tf2_msgs/msg/TFMessage`.
+    TfMessage,
+    /// `diagnostic_msgs/msg/DiagnosticArray`.
+    DiagnosticArray,
 }
 
 /// ROS node in a domain and a Zenoh session.
@@ -55,6 +57,8 @@ impl MessageType {
         match self {
             Self::Imu => IMU_TYPE_AND_HASH,
             Self::MagneticField => MAGNETIC_FIELD_TYPE_AND_HASH,
+            Self::TfMessage => TF_MESSAGE_TYPE_AND_HASH,
+            Self::DiagnosticArray => DIAGNOSTIC_ARRAY_TYPE_AND_HASH,
         }
     }
 }
@@ -70,9 +74,10 @@ impl Node {
         self.entity_token(0, "NN")
     }
 
-    /// Returns the liveliness token of a publisher. `topic` has no leading slash.
-    pub fn publisher_token(&self, topic: &str, message_type: MessageType) -> String {
-        self.endpoint_token(1, "MP", topic, message_type)
+    /// Returns the liveliness token of a publisher; `entity_id` must be unique within the node.
+    /// `topic` has no leading slash.
+    pub fn publisher_token(&self, entity_id: u32, topic: &str, message_type: MessageType) -> String {
+        self.endpoint_token(entity_id, "MP", topic, message_type)
     }
 
     /// Returns the liveliness token of a subscription; `entity_id` must be unique within the node.
@@ -137,83 +142,16 @@ pub fn attachment(sequence_number: i64, stamp_ns: i64, publisher_gid: [u8; 16]) 
     [&sequence_number.to_le_bytes()[..], &stamp_ns.to_le_bytes(), &[publisher_gid.len() as u8], &publisher_gid].concat()
 }
 
-/// Encodes `sensor_msgs/msg/Imu` as CDR.
-///
-/// Orientation and bias-corrected rate are estimates; the force is the calibrated measurement. Only
-/// the orientation has a known covariance.
-///
-/// # Errors
-///
-/// Returns an error if CDR cannot represent the message.
-pub fn encode_imu(
-    attitude: &AttitudeOutput,
-    sample: &ImuSample,
-    stamp_ns: i64,
-    frame_id: &str,
-) -> Result<Vec<u8>, cdr_encoding::Error> {
-    let in_ros_frame = attitude_to_frame(Frame::EnuFlu, *attitude);
-    let [w, x, y, z] = in_ros_frame.quaternion;
-    let [inclination_variance, course_variance] =
-        [attitude.inclination_sd_rad, attitude.course_sd_rad].map(|sd| sd * sd);
-    let imu = Imu {
-        header: Header {
-            stamp: Time { sec: stamp_ns.div_euclid(NS_PER_S) as i32, nanosec: stamp_ns.rem_euclid(NS_PER_S) as u32 },
-            frame_id,
-        },
-        orientation: [x, y, z, w],
-        orientation_covariance: [
-            inclination_variance,
-            0.0,
-            0.0,
-            0.0,
-            inclination_variance,
-            0.0,
-            0.0,
-            0.0,
-            course_variance,
-        ],
-        angular_velocity: in_ros_frame.rate_rad_s,
-        angular_velocity_covariance: UNKNOWN_COVARIANCE,
-        linear_acceleration: Body::Flu.vector(sample.force_m_s2),
-        linear_acceleration_covariance: UNKNOWN_COVARIANCE,
-    };
-    let mut bytes = ENCAPSULATION_HEADER.to_vec();
-    bytes.extend(cdr_encoding::to_vec::<_, LittleEndian>(&imu)?);
-    Ok(bytes)
-}
-
-const NS_PER_S: i64 = 1_000_000_000;
-/// Covariance that means "unknown" in the message definition.
-const UNKNOWN_COVARIANCE: [f64; 9] = [0.0; 9];
-
-#[derive(Serialize)]
-struct Time {
-    sec: i32,
-    nanosec: u32,
-}
-
-#[derive(Serialize)]
-struct Header<'a> {
-    stamp: Time,
-    frame_id: &'a str,
-}
-
-/// Fields in the order of the definition. The quaternion is x, y, z, w.
-#[derive(Serialize)]
-struct Imu<'a> {
-    header: Header<'a>,
-    orientation: [f64; 4],
-    orientation_covariance: [f64; 9],
-    angular_velocity: [f64; 3],
-    angular_velocity_covariance: [f64; 9],
-    linear_acceleration: [f64; 3],
-    linear_acceleration_covariance: [f64; 9],
+/// Returns the identifier of a publisher, which differs from those of the other publishers of its
+/// session.
+pub fn publisher_gid(session_id: [u8; 16], entity_id: u32) -> [u8; 16] {
+    let mut gid = session_id;
+    gid.iter_mut().zip(entity_id.to_le_bytes()).for_each(|(byte, part)| *byte ^= part);
+    gid
 }
 
 #[cfg(test)]
 mod tests {
-    use bytemuck::Zeroable;
-
     use super::*;
 
     #[test]
@@ -229,7 +167,7 @@ mod tests {
         let token = |number: u32, kind: &str| {
             format!("@ros2_lv/7/a1b2/0/{number}/{kind}/%/%/plumbline/%imu%data/{type_and_hash}/::,10:,:,:,,")
         };
-        assert_eq!(node.publisher_token("imu/data", MessageType::Imu), token(1, "MP"));
+        assert_eq!(node.publisher_token(1, "imu/data", MessageType::Imu), token(1, "MP"));
         assert_eq!(node.subscription_token(3, "imu/data", MessageType::Imu), token(3, "MS"));
     }
 
@@ -243,26 +181,14 @@ mod tests {
     }
 
     #[test]
-    fn imu_message_has_cdr_layout() {
-        let attitude = AttitudeOutput { quaternion: [1.0, 0.0, 0.0, 0.0], course_sd_rad: 0.5, ..Zeroable::zeroed() };
-        let sample = ImuSample { force_m_s2: [0.1, 0.2, 9.8], ..Zeroable::zeroed() };
-        let bytes = encode_imu(&attitude, &sample, 1_500_000_000, "imu_link").unwrap();
-        // The 16 bytes are the encapsulation header, the time stamp (1 s and 5·10⁸ ns) and the
-        // length of the frame name (nine bytes including the terminating zero). After the name,
-        // each number is aligned to 8 bytes, counted from the end of the encapsulation header.
-        assert_eq!(&bytes[..16], &[0, 1, 0, 0, 1, 0, 0, 0, 0, 0x65, 0xcd, 0x1d, 9, 0, 0, 0]);
-        assert_eq!((&bytes[16..25], bytes.len()), (&b"imu_link\0"[..], 324));
-        let numbers: Vec<f64> =
-            bytes[28..].chunks_exact(8).map(|eight| f64::from_le_bytes(eight.try_into().unwrap())).collect();
-        // ROS measures yaw from east, so an attitude that faces north is a rotation by 90°.
-        let h = 0.5f64.sqrt();
-        assert!(numbers[..4].iter().zip([0.0, 0.0, h, h]).all(|(a, b)| (a - b).abs() < 1e-15), "{numbers:?}");
-        assert_eq!((numbers[12], &numbers[25..28]), (0.25, &[0.2, -0.1, 9.8][..]));
-    }
-
-    #[test]
     fn attachment_has_33_bytes() {
         let bytes = attachment(1, -2, [3; 16]);
         assert_eq!(bytes, [&[1, 0, 0, 0, 0, 0, 0, 0, 0xfe][..], &[0xff; 7], &[16], &[3; 16]].concat());
+    }
+    #[test]
+    fn publishers_of_a_session_have_different_gids() {
+        let gids = [1, 2, 3].map(|entity_id| publisher_gid([7; 16], entity_id));
+        assert!(gids[0] != gids[1] && gids[1] != gids[2] && gids[0] != gids[2], "{gids:?}");
+        assert_ne!(publisher_gid([7; 16], 1), publisher_gid([8; 16], 1));
     }
 }

@@ -3,21 +3,21 @@
 //! - Input: an attitude and CLOCK_MONOTONIC.
 //! - Output: `Ok` if the attitude may be sent, otherwise the reason.
 
-use messages::{AttitudeOutput, Flags};
+use messages::{AttitudeOutput, Flags, Header};
 
-/// Maximum age of an attitude since its publication, ns.
+/// Maximum age of a message since its publication, ns.
 pub const MAX_AGE_NS: u64 = 500_000_000;
 /// Maximum deviation of the quaternion's norm from 1.
 const NORM_TOLERANCE: f64 = 1e-6;
 
-/// Reason for not sending an attitude.
+/// Reason for not sending a message.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum WithholdReason {
     /// The attitude is an initial value, not yet aligned with the accelerometer.
     Unaligned,
     /// The quaternion is not a rotation, or a value is not finite.
     Invalid,
-    /// The attitude was published too long ago.
+    /// The message was published too long ago.
     Stale,
 }
 
@@ -32,9 +32,7 @@ pub fn validate(output: &AttitudeOutput, now_ns: u64) -> Result<(), WithholdReas
     if header.flags.any(Flags::UNALIGNED) {
         return Err(WithholdReason::Unaligned);
     }
-    if now_ns.saturating_sub(header.t_sent_ns) > MAX_AGE_NS {
-        return Err(WithholdReason::Stale);
-    }
+    check_age(header, now_ns)?;
     let norm = quaternion.iter().map(|part| part * part).sum::<f64>().sqrt();
     let finite =
         [yaw_rad, pitch_rad, roll_rad].into_iter().chain(rate_rad_s).all(|number| (*number as f32).is_finite());
@@ -42,6 +40,15 @@ pub fn validate(output: &AttitudeOutput, now_ns: u64) -> Result<(), WithholdReas
         return Err(WithholdReason::Invalid);
     }
     Ok(())
+}
+
+/// Checks that a message is recent.
+///
+/// # Errors
+///
+/// Returns [`WithholdReason::Stale`] if the message was published too long ago.
+pub fn check_age(header: &Header, now_ns: u64) -> Result<(), WithholdReason> {
+    if now_ns.saturating_sub(header.t_sent_ns) > MAX_AGE_NS { Err(WithholdReason::Stale) } else { Ok(()) }
 }
 
 #[cfg(test)]

@@ -14,7 +14,7 @@ use recording::{
 use crate::{
     Format, ImportError, Mapping, Note, Options, Summary,
     bag::Bag,
-    csv_source::{CsvFiles, CsvSource},
+    csv_source::CsvSource,
     dataflash,
     force_aligner::ForceAligner,
     row_writer::{RowWriter, Sample, Samples, is_calm},
@@ -30,6 +30,13 @@ const PROGRESS_INTERVAL_SAMPLES: u64 = 1024;
 /// Plausible range of the mean force, m/s². A mean outside this range indicates that the unit is
 /// wrong or that gravity has been removed.
 const PLAUSIBLE_MEAN_FORCE_M_S2: std::ops::Range<f64> = 7.0..14.0;
+
+/// Plausible range of the mean field, µT. Iron in the vehicle can remove two thirds of the Earth's
+/// field, 22 to 67 µT, or add three times as much.
+const PLAUSIBLE_MEAN_FIELD_UT: std::ops::Range<f64> = 8.0..240.0;
+
+/// Minimum number of field samples for a check of their magnitude. Fewer may all be disturbed.
+const MIN_FIELD_SAMPLES: u64 = 50;
 
 /// Progress of an import.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -152,15 +159,10 @@ fn open_source<'a>(
         (Format::ArduPilot, _) => Box::new(dataflash::Log::open(path, options)?),
         (Format::Tlog, _) => Box::new(Tlog::open(path)?),
         (Format::Bag | Format::Mcap | Format::Sqlite, _) => Box::new(Bag::open(path, format, options)?),
-        (_, Some(mapping)) => {
-            Box::new(CsvSource::open(paths, mapping.clone(), options.time_bits, common_text_format(format, mapping))?)
-        }
-        (_, None) => {
-            let files = CsvFiles::open(paths)?;
-            if !files.has_default_columns() {
-                return Err(ImportError::MappingRequired { path: path.clone(), columns: files.column_names() });
-            }
-            Box::new(CsvSource::open(paths, Mapping::default(), options.time_bits, format)?)
+        (_, mapping) => {
+            let mapping = mapping.clone().unwrap_or_default();
+            let format = common_text_format(format, &mapping);
+            Box::new(CsvSource::open(paths, mapping, options.time_bits, format)?)
         }
     })
 }
@@ -224,6 +226,7 @@ fn import(
         });
     }
     let mut notes = survey.notes.clone();
+    notes.extend(field_note(&rows, source.field_factor()));
     if choice.segments.len() > 1 {
         notes.insert(
             0,
@@ -403,6 +406,19 @@ fn summary(format: Format, rows: &mut RowWriter, aligner: &ForceAligner, mut not
         fixes_file: None,
         notes,
     }
+}
+
+/// Returns a note if the magnetometer is dead, or if its unit is wrong.
+///
+/// `factor` converts the numbers of the source to µT; `None` if `--units` does not apply to them.
+fn field_note(rows: &RowWriter<'_>, factor: Option<f64>) -> Option<Note> {
+    if rows.is_field_constant() {
+        return Some(Note::ConstantField { count: rows.field_rows });
+    }
+    let mean_field_ut = rows.mean_field_ut();
+    let is_implausible = rows.field_rows >= MIN_FIELD_SAMPLES && !PLAUSIBLE_MEAN_FIELD_UT.contains(&mean_field_ut);
+    let unit = || factor.and_then(|factor| mapping::unit_of_earth_field(mean_field_ut / factor));
+    is_implausible.then(|| Note::ImplausibleField { mean_field_ut, unit: unit() })
 }
 
 /// Returns the path of the fixes file.

@@ -51,6 +51,7 @@ impl CsvReader {
     pub(crate) fn open(path: &Path, read_bytes: &Rc<Cell<u64>>) -> Result<Self, ImportError> {
         let mut lines = Lines::open(path, read_bytes)?;
         let (header, first) = read_start(path, &mut lines)?;
+        lines.is_before_rows = false;
         let separator = match &header {
             Some(names) => Separator::common(&[names, &first.1]).unwrap_or_else(|| Separator::of_line(names)),
             None => Separator::ALL
@@ -245,6 +246,10 @@ enum OwnedLine {
 struct Lines {
     path: PathBuf,
     inner: Box<dyn BufRead>,
+    /// Last byte of a line: a carriage return if the start of the file has no newline.
+    end: u8,
+    /// `true` until the first row. Column names may then be in Latin-1, for a unit such as °/s.
+    is_before_rows: bool,
     line: u64,
     /// Description of the damage at which reading ended.
     damage: Option<ForeignText>,
@@ -255,12 +260,15 @@ impl Lines {
         let failed = |cause| open_error(path, cause);
         let file = CountingReader::new(File::open(path).map_err(failed)?, read_bytes);
         let mut file = BufReader::with_capacity(BUFFER_BYTES, file);
-        let inner: Box<dyn BufRead> = if file.fill_buf().map_err(failed)?.starts_with(GZIP_MAGIC) {
+        let mut inner: Box<dyn BufRead> = if file.fill_buf().map_err(failed)?.starts_with(GZIP_MAGIC) {
             Box::new(BufReader::with_capacity(BUFFER_BYTES, GzipReader::new(file)))
         } else {
             Box::new(file)
         };
-        Ok(Self { path: path.to_owned(), inner, line: 0, damage: None })
+        // Damage of a compressed file is reported with its line.
+        let start = inner.fill_buf().unwrap_or_default();
+        let end = if start.contains(&b'\r') && !start.contains(&b'\n') { b'\r' } else { b'\n' };
+        Ok(Self { path: path.to_owned(), inner, end, is_before_rows: true, line: 0, damage: None })
     }
 
     /// Returns the next line, or `None` at the end of the file or at damage of a compressed one.
@@ -293,7 +301,10 @@ impl Lines {
             if self.line == 1 && text.trim_ascii().starts_with(b"sep=") {
                 continue;
             }
-            match Line::parse(&text) {
+            let is_names = |text: &String| Line::parse(text.as_bytes()).is_some() && !is_row(text);
+            let latin_1 = || Some(text.iter().map(|byte| char::from(*byte)).collect::<String>()).filter(is_names);
+            let names = if self.is_before_rows && str::from_utf8(&text).is_err() { latin_1() } else { None };
+            match Line::parse(names.as_ref().map_or(&text, |names| names.as_bytes())) {
                 Some(Line::Blank) => {}
                 Some(Line::Comment(comment)) => return Ok(Some((self.line, OwnedLine::Comment(comment.to_owned())))),
                 Some(Line::Content(line)) => return Ok(Some((self.line, OwnedLine::Content(line.to_owned())))),
@@ -308,7 +319,7 @@ impl Lines {
         let mut length = 0;
         loop {
             let buffer = self.inner.fill_buf()?;
-            let end = buffer.iter().position(|byte| *byte == b'\n').map(|end| end + 1);
+            let end = buffer.iter().position(|byte| *byte == self.end).map(|end| end + 1);
             let part = &buffer[..end.unwrap_or(buffer.len())];
             let room = MAX_LINE_BYTES.saturating_sub(text.len()).min(part.len());
             text.extend_from_slice(&part[..room]);

@@ -22,7 +22,7 @@ use mapping::{
     names::nearest,
     text::{DAY_NS, Time, without_unit},
 };
-use recording::Reference;
+use recording::{RecordingError, Reference};
 
 use crate::{
     Format, ImportError, Mapping, Note,
@@ -42,6 +42,8 @@ pub(crate) struct CsvSource {
     files: CsvFiles,
     groups: ColumnGroups,
     mapping: Mapping,
+    /// Units that were taken from the column names, without the default ones.
+    header_units: Vec<&'static str>,
     time_bits: Option<u8>,
     format: Format,
     length_bytes: u64,
@@ -59,10 +61,11 @@ impl CsvSource {
     ) -> Result<Self, ImportError> {
         let files = CsvFiles::open(paths)?;
         let groups = files.column_groups(&mapping)?;
+        let (mapping, header_units) = files.with_header_units(&mapping, &groups)?;
         let length = |path: &Path| fs::metadata(path).map(|found| found.len()).map_err(|cause| open_error(path, cause));
         let surveyed = groups.files().into_iter().map(length).sum::<Result<u64, _>>()?;
         let length_bytes = files.read_bytes() + surveyed + groups.paths().map(length).sum::<Result<u64, _>>()?;
-        Ok(Self { files, groups, mapping, time_bits, format, length_bytes })
+        Ok(Self { files, groups, mapping, header_units, time_bits, format, length_bytes })
     }
 
     /// Reads all rows of a file and checks the mapped columns.
@@ -177,6 +180,9 @@ impl Source for CsvSource {
             expected: "numbers in the mapped columns, with times of one clock".into(),
             ..Survey::default()
         };
+        if !self.header_units.is_empty() {
+            survey.notes.push(Note::HeaderUnits { units: self.header_units.clone() });
+        }
         let mut finder = None;
         for path in self.groups.files() {
             self.check_file(path, &mut survey, &mut finder, progress)?;
@@ -186,6 +192,10 @@ impl Source for CsvSource {
             survey.wraps = finder.wraps;
         }
         Ok(survey)
+    }
+
+    fn field_factor(&self) -> Option<f64> {
+        Some(self.mapping.units().field.unwrap_or(1.0))
     }
 
     fn field_samples(&self) -> Result<Samples<'_, Sample>, ImportError> {
@@ -277,6 +287,17 @@ struct ColumnGroups {
 }
 
 impl ColumnGroups {
+    /// Returns the file and the index of each column that holds a time, rate, force or field.
+    fn columns(&self, target: &str) -> Vec<(&Path, usize)> {
+        let vectors = [(RATE, Some(&self.rate)), (FORCE, Some(&self.force)), (FIELD, self.field.as_ref())];
+        let vectors = vectors.into_iter().filter_map(|(targets, group)| Some((targets, group?)));
+        let columns = vectors.flat_map(|(targets, group)| {
+            let parts = targets.into_iter().zip(group.indices).chain([("t", group.time)]);
+            parts.map(|(of, index)| (of, group.path.as_path(), index))
+        });
+        columns.filter(|(of, ..)| *of == target).map(|(_, path, index)| (path, index)).collect()
+    }
+
     /// Returns the path of the file of each column group.
     fn paths(&self) -> impl Iterator<Item = &Path> {
         let velocity = self.velocity.iter().map(|(_, group)| group);
@@ -320,17 +341,76 @@ impl CsvFiles {
         self.read_bytes.get()
     }
 
-    /// Returns `true` if the files have all columns of a recording, with their default names.
-    pub(crate) fn has_default_columns(&self) -> bool {
-        self.column_groups(&Mapping::default()).is_ok()
+    /// Returns the mapping with the units that the names of the columns state, and the names of
+    /// these units without the default ones.
+    fn with_header_units(
+        &self,
+        mapping: &Mapping,
+        groups: &ColumnGroups,
+    ) -> Result<(Mapping, Vec<&'static str>), ImportError> {
+        let name = |path: &Path, index: usize| {
+            let (_, names) = self.columns.iter().find(|(other, _)| other == path)?;
+            names.get(index).map(ForeignText::raw)
+        };
+        let names_of = |target: &'static str| {
+            groups.columns(target).into_iter().filter_map(|(path, index)| name(path, index)).collect()
+        };
+        // Dates and times of day have no unit.
+        let mut reader = CsvReader::open(&groups.rate.path, &self.read_bytes)?;
+        let first = reader.next().ok().flatten().and_then(|record| record.time(groups.rate.time, 0).ok());
+        let needs_time_unit = !matches!(first, Some(Time::Calendar(_) | Time::OfDay(_)));
+        mapping.with_header_units(names_of, needs_time_unit).map_err(|error| {
+            let path = groups.rate.path.clone();
+            ImportError::HeaderUnits { path, error: Box::new(error) }
+        })
     }
 
+    /// Resolves the columns of a mapping.
+    ///
+    /// A mapping that was not given by the user applies to the columns that exist. Their names
+    /// must then be those of a recording or name a quantity, such as `gyro_x (deg/s)`.
     fn column_groups(&self, mapping: &Mapping) -> Result<ColumnGroups, ImportError> {
-        // A mapping that was not given by the user applies to the columns that exist.
+        let path = self.columns.first().map(|(path, _)| path.clone()).unwrap_or_default();
+        self.resolve(mapping).map_err(|error| match error {
+            error if mapping.is_explicit() => error,
+            ImportError::AmbiguousColumn { target, alternatives, .. } if alternatives.len() > 1 => {
+                ImportError::AmbiguousHeader { path, target, map: self.map_line(mapping), alternatives }
+            }
+            error => match (self.recording_error(), error) {
+                (Some(error), _) => error.into(),
+                (None, ImportError::UnknownColumn { .. }) => {
+                    ImportError::MappingRequired { path, map: self.map_line(mapping), columns: self.column_names() }
+                }
+                (None, error) => error,
+            },
+        })
+    }
+
+    /// Returns the error of a single file with the columns of a recording and a mistake in a name.
+    fn recording_error(&self) -> Option<RecordingError> {
+        let [(path, _)] = &self.columns[..] else { return None };
+        recording::Reader::open(path).err().filter(RecordingError::suggests_name)
+    }
+
+    /// Returns the value of `--map` for these files: the first column that may hold each target.
+    /// `COLUMN` stands for a required one that is not recognised.
+    fn map_line(&self, mapping: &Mapping) -> ForeignText {
+        let names = || self.columns.iter().flat_map(|(_, names)| names).map(ForeignText::raw);
+        let column = |target: &str| {
+            let ranked = names().filter_map(|name| Some((mapping.match_rank(target, name)?, name)));
+            ranked.min_by_key(|(rank, _)| *rank).map(|(_, name)| name)
+        };
+        let has_field = FIELD.into_iter().all(|target| column(target).is_some());
+        let targets = ["t"].into_iter().chain(RATE).chain(FORCE).chain(FIELD.into_iter().filter(|_| has_field));
+        let pairs = targets.map(|target| format!("{target}={}", column(target).unwrap_or("COLUMN")));
+        quoted(&pairs.collect::<Vec<_>>().join(",")).into()
+    }
+
+    fn resolve(&self, mapping: &Mapping) -> Result<ColumnGroups, ImportError> {
         let is_wanted = |targets: &[&'static str]| {
             let exists = |target: &&'static str| {
                 let columns = self.columns.iter().flat_map(|(_, names)| names);
-                columns.into_iter().any(|name| mapping.matches(target, name.raw()))
+                columns.into_iter().any(|name| mapping.match_rank(target, name.raw()).is_some())
             };
             mapping.is_explicit() || targets.iter().all(exists)
         };
@@ -451,10 +531,16 @@ impl CsvFiles {
             });
             positions.collect()
         };
-        let mut positions = matching_columns(&|name| name == found, None);
-        if positions.is_empty() {
-            positions = matching_columns(&|name| mapping.matches(target, name), None);
-        }
+        let mut ranks: Vec<u8> = self
+            .columns
+            .iter()
+            .flat_map(|(_, names)| names)
+            .filter_map(|name| mapping.match_rank(target, name.raw()))
+            .collect();
+        ranks.sort_unstable();
+        ranks.dedup();
+        let of_rank = |rank: u8| matching_columns(&|name| mapping.match_rank(target, name) == Some(rank), None);
+        let mut positions = ranks.into_iter().map(of_rank).find(|positions| !positions.is_empty()).unwrap_or_default();
         if let (true, Some((file, column))) = (positions.is_empty(), found.rsplit_once(':')) {
             positions = matching_columns(&|name| name == column, Some(file));
             if positions.is_empty() {
@@ -483,6 +569,12 @@ impl CsvFiles {
             }
         }
     }
+}
+
+/// Returns a word for the shell.
+fn quoted(text: &str) -> String {
+    let is_plain = |found: char| found.is_ascii_alphanumeric() || "_-.,:=/".contains(found);
+    if text.chars().all(is_plain) { text.to_owned() } else { format!("'{}'", text.replace('\'', "'\\''")) }
 }
 
 fn matches_name(path: &Path, name: &str) -> bool {

@@ -21,7 +21,7 @@ const PREFIX_BYTES: u64 = 4096;
 const GZIP_MAGIC: &[u8] = b"\x1f\x8b";
 /// First bytes of a DataFlash log, which starts with the FMT message that describes FMT messages.
 const ARDUPILOT_MAGIC: &[u8] = &[0xa3, 0x95, 0x80];
-const MAGIC_NUMBERS: [(&[u8], Format); 16] = [
+const MAGIC_NUMBERS: [(&[u8], Format); 18] = [
     (b"ULog\x01\x12\x35", Format::Ulog),
     (b"\x89MCAP0\r\n", Format::Mcap),
     (ARDUPILOT_MAGIC, Format::ArduPilot),
@@ -38,6 +38,8 @@ const MAGIC_NUMBERS: [(&[u8], Format); 16] = [
     (b"\xfd7zXZ\0", Format::Xz),
     (b"BZh", Format::Bzip2),
     (b"\x04\x22\x4d\x18", Format::Lz4),
+    (b"\xb5\x62", Format::Receiver),
+    (b"\xfa\xff", Format::Xsens),
 ];
 /// Names of the first files in a zip archive that is a spreadsheet of Excel or LibreOffice.
 const SPREADSHEET_ENTRIES: [&[u8]; 4] =
@@ -50,6 +52,7 @@ const ARDUPILOT_TEXT: &[u8] = b"FMT, 128, 89, FMT,";
 const UTF_16_MARKS: [&[u8]; 2] = [b"\xff\xfe", b"\xfe\xff"];
 /// First bytes of MAVLink messages, versions 1 and 2.
 const MAVLINK_MAGIC: [u8; 2] = [0xfe, 0xfd];
+const WITMOTION_FRAME_BYTES: usize = 11;
 /// Length of the time of arrival before each message of a telemetry log, bytes.
 const TLOG_STAMP_BYTES: usize = 8;
 /// Plausible times of arrival, µs since 1970: 2001 to 2100.
@@ -66,8 +69,9 @@ impl Format {
     ///
     /// # Errors
     ///
-    /// Returns [`ImportError::Open`] if the file cannot be read or is a pipe or a device, and
-    /// [`ImportError::UnknownFormat`] if no format matches.
+    /// Returns [`ImportError::Open`] if the file cannot be read or is a pipe or a device,
+    /// [`ImportError::Recording`] if it is empty, and [`ImportError::UnknownFormat`] if no format
+    /// matches.
     pub fn detect(path: &Path) -> Result<Self, ImportError> {
         let failed = |cause| open_error(path, cause);
         // The file type is checked before opening, because opening a pipe blocks until it has a
@@ -84,6 +88,9 @@ impl Format {
         }
         let mut file = File::open(path).map_err(failed)?;
         let start = read_prefix(&mut file).map_err(failed)?;
+        if let (true, Err(error)) = (start.is_empty(), Reader::open(path)) {
+            return Err(error.into());
+        }
         let found = if start.starts_with(GZIP_MAGIC) {
             let rest = io::Cursor::new(start).chain(file);
             // Only the prefix is decompressed here. Damage after the prefix is reported by the
@@ -114,6 +121,8 @@ fn detect_by_start(start: &[u8]) -> Option<Format> {
         None if start.get(tar_offset..).is_some_and(|rest| rest.starts_with(tar_magic)) => Some(Format::Tar),
         None if UTF_16_MARKS.iter().any(|mark| start.starts_with(mark)) || is_utf_16(start) => Some(Format::Utf16),
         None if is_tlog(start) => Some(Format::Tlog),
+        None if is_witmotion(start) => Some(Format::WitMotion),
+        None if is_nmea(start) => Some(Format::Receiver),
         None if start.starts_with(ARDUPILOT_TEXT) || contains(&[b"\n", ARDUPILOT_TEXT].concat()) => {
             Some(Format::ArduPilotText)
         }
@@ -126,6 +135,25 @@ fn is_utf_16(start: &[u8]) -> bool {
     let zeros = |parity: usize| start.iter().skip(parity).step_by(2).filter(|byte| **byte == 0).count();
     let half = start.len() / 2;
     half >= 8 && [zeros(0), zeros(1)].contains(&half) && [zeros(0), zeros(1)].contains(&0)
+}
+
+/// Returns `true` if the first two frames of a WitMotion sensor have valid checksums.
+fn is_witmotion(start: &[u8]) -> bool {
+    let is_frame = |frame: &[u8]| match frame {
+        [covered @ .., sum] => {
+            covered.starts_with(b"\x55") && covered.iter().fold(0u8, |sum, byte| sum.wrapping_add(*byte)) == *sum
+        }
+        [] => false,
+    };
+    let mut frames = start.chunks_exact(WITMOTION_FRAME_BYTES).take(2);
+    frames.len() == 2 && frames.all(is_frame)
+}
+
+/// Returns `true` for sentences of NMEA 0183.
+fn is_nmea(start: &[u8]) -> bool {
+    let sentence = start.split(|byte| *byte == b'\n').next().unwrap_or_default().trim_ascii();
+    let is_name = |name: &[u8]| name.len() == 5 && name.iter().all(u8::is_ascii_uppercase);
+    sentence.strip_prefix(b"$").is_some_and(|rest| rest.get(..5).is_some_and(is_name) && rest.get(5) == Some(&b','))
 }
 
 /// Returns `true` if a time of arrival is followed by the start of a MAVLink message.

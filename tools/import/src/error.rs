@@ -6,6 +6,7 @@ use std::{
 };
 
 use foreign::ForeignText;
+use mapping::HeaderError;
 use recording::RecordingError;
 
 use crate::{MappingError, format::Format};
@@ -130,15 +131,41 @@ pub enum ImportError {
     },
     /// A CSV file is given, but no mapping of its columns.
     #[error(
-        "importing {}: the meaning of its columns is unknown; map them with --map t=COLUMN,gx=COLUMN,…; available columns: {}",
+        "importing {}: the meaning of its columns is unknown; map them with --map {map}; available columns: {}",
         foreign::path(path),
         quoted_list(columns)
     )]
     MappingRequired {
         /// Path of the file.
         path: PathBuf,
+        /// Value of `--map` with the recognised columns.
+        map: ForeignText,
         /// Names of the columns in the file.
         columns: Vec<ForeignText>,
+    },
+    /// Several columns may hold the same quantity.
+    #[error(
+        "importing {}: {target} may be any of the columns {}; choose with --map {map}",
+        foreign::path(path),
+        quoted_list(alternatives)
+    )]
+    AmbiguousHeader {
+        /// Path of the file.
+        path: PathBuf,
+        /// Target of the columns.
+        target: &'static str,
+        /// Value of `--map` with the first of the columns.
+        map: ForeignText,
+        /// Names of the columns.
+        alternatives: Vec<ForeignText>,
+    },
+    /// The column names do not determine the units.
+    #[error("importing {}: {error}; name the right units, as with --units {}", foreign::path(path), error.remedy())]
+    HeaderUnits {
+        /// Path of the file.
+        path: PathBuf,
+        /// Error of the names.
+        error: Box<HeaderError>,
     },
     /// The mapping is invalid.
     #[error("reading --{}: {}", .0.setting(), .0)]
@@ -294,6 +321,8 @@ impl ImportError {
             | Self::ConflictingTopics { .. }
             | Self::MappingRequired { .. }
             | Self::Mapping(_)
+            | Self::AmbiguousHeader { .. }
+            | Self::HeaderUnits { .. }
             | Self::UnknownColumn { .. }
             | Self::AmbiguousColumn { .. }
             | Self::SplitVector { .. }
@@ -309,6 +338,7 @@ impl ImportError {
             | Self::UnreadableBag { .. }
             | Self::MissingField { .. }
             | Self::NoRows { .. } => 3,
+            Self::Recording(error) if matches!(**error, RecordingError::Malformed { .. }) => 3,
             Self::Recording(_) | Self::TemporaryFolder { .. } | Self::WriteMcap { .. } => 1,
         }
     }

@@ -30,6 +30,12 @@ pub enum Format {
     Blackbox,
     /// Text form of an ArduPilot log.
     ArduPilotText,
+    /// Bytes of an Xsens sensor.
+    Xsens,
+    /// Bytes of a WitMotion sensor.
+    WitMotion,
+    /// UBX or NMEA of a satellite receiver.
+    Receiver,
     /// Text in UTF-16.
     Utf16,
     /// Spreadsheet of Excel or LibreOffice.
@@ -59,7 +65,7 @@ pub enum Format {
 }
 
 /// Name of each format and, if it is not read, the command that converts it.
-const TABLE: [(Format, &str, Option<&str>); 25] = [
+const TABLE: [(Format, &str, Option<&str>); 28] = [
     (Format::Recording, "Plumbline recording", None),
     (Format::Csv, "CSV", None),
     (Format::Ulog, "ULog", None),
@@ -89,6 +95,21 @@ const TABLE: [(Format, &str, Option<&str>); 25] = [
         Some(
             "use the .BIN that it was made from, or convert it with `mavlogdump.py --format csv --types IMU FILE` (pip install pymavlink)",
         ),
+    ),
+    (
+        Format::Xsens,
+        "bytes of an Xsens sensor",
+        Some("read it with `plumb up --source 'stdin?format=xsens&rate_hz=100' < FILE`, with its rate"),
+    ),
+    (
+        Format::WitMotion,
+        "bytes of a WitMotion sensor",
+        Some("read it with `plumb up --source 'stdin?format=witmotion&rate_hz=100' < FILE`, with its rate"),
+    ),
+    (
+        Format::Receiver,
+        "UBX or NMEA of a satellite receiver",
+        Some("it has no rate and force; record receiver and sensor together with `plumb record -o FILE.mcap`"),
     ),
     (Format::Utf16, "text in UTF-16", Some("convert it with `iconv -f UTF-16 -t UTF-8 FILE -o FILE.csv`")),
     (

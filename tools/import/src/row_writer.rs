@@ -59,6 +59,10 @@ pub(crate) struct Attitude {
 /// Samples of a series that is merged into the rows.
 pub(crate) type Samples<'a, T> = Box<dyn Iterator<Item = Result<T, ImportError>> + 'a>;
 
+/// Number of equal field samples from which on a magnetometer is dead. The noise of a working one
+/// exceeds its resolution.
+const MIN_CONSTANT_FIELDS: u64 = 500;
+
 pub(crate) struct RowWriter<'a> {
     writer: Writer,
     fields: Peekable<Samples<'a, Sample>>,
@@ -78,6 +82,10 @@ pub(crate) struct RowWriter<'a> {
     last_ns: i64,
     pub(crate) rows: u64,
     pub(crate) field_rows: u64,
+    field_log_sum: f64,
+    first_field: Option<[f64; 3]>,
+    /// `true` if a field differs from the first one.
+    field_varies: bool,
     pub(crate) reference_rows: u64,
     /// Number of field samples with non-increasing timestamps.
     pub(crate) fields_out_of_order: u64,
@@ -111,6 +119,9 @@ impl<'a> RowWriter<'a> {
             last_ns: 0,
             rows: 0,
             field_rows: 0,
+            field_log_sum: 0.0,
+            first_field: None,
+            field_varies: false,
             reference_rows: 0,
             fields_out_of_order: 0,
             fields_unmatched: 0,
@@ -127,7 +138,7 @@ impl<'a> RowWriter<'a> {
         }
         self.last_ns = t_ns;
         self.rows += 1;
-        self.force_sum_m_s2 += force_m_s2.iter().map(|part| part * part).sum::<f64>().sqrt();
+        self.force_sum_m_s2 += length(force_m_s2);
         let previous_ns = self.pending.map(|row| row.t_ns);
         let reference = self.reference_at(previous_ns, t_ns, rate_rad_s)?;
         self.reference_rows += u64::from(reference.is_some());
@@ -157,6 +168,17 @@ impl<'a> RowWriter<'a> {
 
     pub(crate) fn mean_force_m_s2(&self) -> f64 {
         self.force_sum_m_s2 / self.rows as f64
+    }
+
+    /// Returns the geometric mean of the magnitude of the field, µT, which a few disturbed samples
+    /// hardly change; NaN without a field.
+    pub(crate) fn mean_field_ut(&self) -> f64 {
+        (self.field_log_sum / self.field_rows as f64).exp()
+    }
+
+    /// Returns `true` if the magnetometer is dead: its samples never change.
+    pub(crate) fn is_field_constant(&self) -> bool {
+        self.field_rows >= MIN_CONSTANT_FIELDS && !self.field_varies
     }
 
     pub(crate) fn rate_hz(&mut self) -> f64 {
@@ -208,7 +230,11 @@ impl<'a> RowWriter<'a> {
 
     fn write_pending(&mut self, next: Option<Row>) -> Result<(), ImportError> {
         let Some(row) = std::mem::replace(&mut self.pending, next) else { return Ok(()) };
-        self.field_rows += u64::from(row.field_ut.is_some());
+        if let Some(field_ut) = row.field_ut {
+            self.field_rows += 1;
+            self.field_log_sum += length(field_ut).max(f64::MIN_POSITIVE).ln();
+            self.field_varies |= *self.first_field.get_or_insert(field_ut) != field_ut;
+        }
         Ok(self.writer.write(&row)?)
     }
 
@@ -252,6 +278,10 @@ impl<'a> RowWriter<'a> {
         let quaternion = rotated(before.reference.quaternion, rate_rad_s.map(|part| part * dt_s));
         Ok(Some(Reference { quaternion, ..before.reference }))
     }
+}
+
+fn length(vector: [f64; 3]) -> f64 {
+    vector.iter().map(|part| part * part).sum::<f64>().sqrt()
 }
 
 /// Returns `true` if the reference is interpolated between two attitudes.

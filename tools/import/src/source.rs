@@ -131,6 +131,12 @@ pub(crate) trait Source {
     /// Returns the samples of rate and force.
     fn motion(&self) -> Result<Motion<'_>, ImportError>;
 
+    /// Returns the factor that converts the field of the source to µT; `None` if the source defines
+    /// its unit.
+    fn field_factor(&self) -> Option<f64> {
+        None
+    }
+
     /// Returns the magnetic field samples.
     fn field_samples(&self) -> Result<Samples<'_, Sample>, ImportError>;
 

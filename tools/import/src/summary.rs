@@ -108,6 +108,18 @@ pub enum Note {
         /// Mean magnitude of the force, m/s².
         mean_force_m_s2: f64,
     },
+    /// The field does not match that of the Earth: its unit is wrong.
+    ImplausibleField {
+        /// Mean magnitude of the field, µT.
+        mean_field_ut: f64,
+        /// Unit that makes the field plausible; `None` if no unit does, or if the format has none.
+        unit: Option<&'static str>,
+    },
+    /// All samples of the magnetometer are equal.
+    ConstantField {
+        /// Number of samples.
+        count: u64,
+    },
     /// Rows of text could not be read.
     MalformedRows {
         /// Number of rows.
@@ -127,6 +139,11 @@ pub enum Note {
         is_requested: bool,
         /// All segments.
         segments: Vec<Segment>,
+    },
+    /// Units were taken from the column names.
+    HeaderUnits {
+        /// Names of the units.
+        units: Vec<&'static str>,
     },
     /// The counter of the times wrapped. The times were continued.
     Wrapped {
@@ -244,6 +261,17 @@ impl fmt::Display for Note {
                 f,
                 "mean force {mean_force_m_s2:.2} m/s², expected about 9.8; check its unit and that it includes gravity"
             ),
+            Self::ImplausibleField { mean_field_ut, unit } => {
+                write!(f, "mean field {mean_field_ut:.3e} µT, expected 22 to 67 µT; ")?;
+                match unit {
+                    Some(unit) => write!(f, "read it with --units {unit}"),
+                    None => f.write_str("check the magnetometer and its scale"),
+                }
+            }
+            Self::ConstantField { count } => write!(
+                f,
+                "all {count} field samples are equal: the magnetometer is dead or not read; check its wiring and driver"
+            ),
             Self::MalformedRows { count, line, found, expected } => {
                 let rows = if *count == 1 { "row" } else { "rows" };
                 write!(f, "skipped {count} malformed {rows}, the first in line {line}: found {found}, expected {expected}")
@@ -260,6 +288,9 @@ impl fmt::Display for Note {
                 }
                 let choice = if *is_requested { "as requested" } else { "the longest" };
                 write!(f, " read segment {read}, {choice}; choose with --segment")
+            }
+            Self::HeaderUnits { units } => {
+                write!(f, "units from the column names: {}; name others with --units", units.join(", "))
             }
             Self::Wrapped { count } => {
                 let times = if *count == 1 { "once" } else { "times" };

@@ -1,7 +1,7 @@
 //! Conversion of a table of fixes or reference attitudes in any text dialect into a plain one.
 //!
-//! Input: text with column names, by the rules of [`mapping::text`]. A unit of time in brackets
-//! after the name of the time column applies to it.
+//! Input: text with column names, by the rules of [`mapping::text`]. A unit of time in the name of
+//! the time column applies to it.
 //!
 //! Output: CSV with the columns of the recording format.
 //!
@@ -25,8 +25,6 @@ use crate::{
     error::TextPosition,
 };
 
-/// Names of the time column in logs of other systems.
-const TIME_NAMES: [&str; 4] = ["t", "time", "timestamp", "#timestamp"];
 const NS_PER_S: u64 = 1_000_000_000;
 
 /// Columns of a table.
@@ -65,7 +63,9 @@ pub fn convert_table(path: &Path, table: Table, out: &Path) -> Result<Vec<Note>,
     let columns = required.iter().chain(optional).filter_map(|column| Some((*column, index_of(column)?)));
     let columns: Vec<(&str, usize)> = columns.collect();
     let time_name = columns.first().and_then(|(_, index)| reader.names.get(*index)).map(ForeignText::raw);
-    let digits = time_name.and_then(unit_digits).unwrap_or(9);
+    let names_of = |target: &str| time_name.filter(|_| target == "t").into_iter().collect();
+    let units = Mapping::default().with_header_units(names_of, false);
+    let digits = units.map(|(mapping, _)| mapping).unwrap_or_default().time_digits();
     let failed = |cause: io::Error| ImportError::TemporaryFolder { cause };
     let mut output = BufWriter::new(File::create(out).map_err(failed)?);
     let header: Vec<&str> = columns.iter().map(|(column, _)| *column).collect();
@@ -110,15 +110,7 @@ pub fn convert_table(path: &Path, table: Table, out: &Path) -> Result<Vec<Note>,
 /// brackets are ignored.
 fn matches(column: &str, name: &str) -> bool {
     let plain = |name: &str| without_unit(name).to_ascii_lowercase().replace('_', "");
-    plain(name) == plain(column) || column == "t_s" && TIME_NAMES.contains(&plain(name).as_str())
-}
-
-/// Returns the number of decimal places of the unit in brackets after a column name: 9 for seconds.
-fn unit_digits(name: &str) -> Option<usize> {
-    let unit = name.strip_prefix(without_unit(name))?.trim_ascii();
-    let unit = unit.strip_prefix(['[', '('])?.strip_suffix([']', ')'])?;
-    let mapping = Mapping::parse::<&str>(&[], Some(unit), None).ok()?;
-    Some(mapping.time_digits())
+    plain(name) == plain(column) || column == "t_s" && Mapping::default().match_rank("t", name).is_some()
 }
 
 /// Returns a row in the form of the recording format.

@@ -2,10 +2,13 @@
 //!
 //! Input: MAVLink messages, each after its time of arrival in µs since 1970, big-endian.
 //!
-//! Output: rate, force, field and fixes of the autopilot that the MAVLink decoder chooses.
+//! Output: rate, force, field, fixes and attitude of the autopilot that the MAVLink decoder
+//! chooses. The reference is ATTITUDE_QUATERNION, or ATTITUDE if the log has no quaternion. RAW_IMU
+//! is read only if the log has no other message with rate and force.
 //!
 //! Time: the autopilot's clock. A fix, whose message may have another clock, is placed by the times
-//! of arrival of the fix and of the latest sample.
+//! of arrival of the fix and of the latest sample, and so is an attitude if the samples have UNIX
+//! time.
 //!
 //! Memory: a buffer for each series.
 //!
@@ -20,11 +23,14 @@ use std::{
     rc::Rc,
 };
 
+use attitude::frames::{self, Body, Earth};
 use decoders::{
     DeviceTime, Format as _, Measurement, Value,
     framed::ParseOutcome,
-    mavlink::{Mavlink, MavlinkSettings, RawScale},
+    mavlink::{AttitudeEstimate, ImuMessage, Mavlink, MavlinkSettings, RawScale},
 };
+use mapping::is_rotation;
+use recording::Reference;
 
 use crate::{
     Format, ImportError, Note,
@@ -49,22 +55,33 @@ pub(crate) struct Tlog {
     path: PathBuf,
     length_bytes: u64,
     read_bytes: Rc<Cell<u64>>,
+    /// Message with rate and force; `None` if the decoder chooses it.
+    imu: Option<ImuMessage>,
+    /// `true` if the reference is that of ATTITUDE_QUATERNION.
+    has_quaternions: bool,
 }
 
 /// Measurement with its time on the clock of the samples, ns.
 struct TimedValue {
     t_ns: i64,
-    value: Value,
+    value: LogValue,
+}
+
+/// Content of a message.
+enum LogValue {
+    Measurement(Value),
+    Attitude(AttitudeEstimate),
 }
 
 impl Tlog {
     pub(crate) fn open(path: &Path) -> Result<Self, ImportError> {
         let found = fs::metadata(path).map_err(|cause| open_error(path, cause))?;
-        Ok(Self { path: path.to_owned(), length_bytes: found.len(), read_bytes: Rc::default() })
+        let (length_bytes, read_bytes) = (found.len(), Rc::default());
+        Ok(Self { path: path.to_owned(), length_bytes, read_bytes, imu: None, has_quaternions: false })
     }
 
     fn messages(&self) -> Result<MessageReader, ImportError> {
-        MessageReader::open(&self.path, &self.read_bytes).map_err(|cause| open_error(&self.path, cause))
+        MessageReader::open(&self.path, &self.read_bytes, self.imu).map_err(|cause| open_error(&self.path, cause))
     }
 
     /// Returns what `convert` makes of the measurements.
@@ -82,23 +99,15 @@ impl Tlog {
     }
 }
 
-impl Source for Tlog {
-    fn format(&self) -> Format {
-        Format::Tlog
-    }
-
-    fn total_bytes(&self) -> u64 {
-        4 * self.length_bytes
-    }
-
-    fn read_bytes(&self) -> u64 {
-        self.read_bytes.get()
-    }
-
-    fn survey(&mut self, progress: &mut dyn FnMut(u64)) -> Result<Survey, ImportError> {
-        let mut messages = self.messages()?;
-        let mut finder = SegmentFinder::new(&SourceClock::default());
-        let mut survey = Survey { expected: "HIGHRES_IMU, SCALED_IMU or RAW_IMU".into(), ..Survey::default() };
+impl Tlog {
+    /// Adds all messages to the survey.
+    fn survey_messages(
+        &mut self,
+        messages: &mut MessageReader,
+        survey: &mut Survey,
+        finder: &mut SegmentFinder,
+        progress: &mut dyn FnMut(u64),
+    ) -> Result<(), ImportError> {
         for index in 0u64.. {
             if index.is_multiple_of(PROGRESS_INTERVAL_MESSAGES) {
                 progress(self.read_bytes.get());
@@ -106,12 +115,46 @@ impl Source for Tlog {
             let next = messages.next().map_err(|cause| open_error(&self.path, cause))?;
             let Some(TimedValue { t_ns, value }) = next else { break };
             match value {
-                Value::Imu { field_ut, .. } => {
+                LogValue::Measurement(Value::Imu { field_ut, .. }) => {
                     finder.push(t_ns);
                     survey.has_field |= field_ut.is_some();
                 }
-                Value::Field(_) => survey.has_field = true,
-                Value::Fix { .. } => survey.has_fixes = true,
+                LogValue::Measurement(Value::Field(_)) => survey.has_field = true,
+                LogValue::Measurement(Value::Fix { .. }) => survey.has_fixes = true,
+                LogValue::Attitude(AttitudeEstimate { is_quaternion, .. }) => {
+                    survey.has_reference = true;
+                    self.has_quaternions |= is_quaternion;
+                }
+            }
+        }
+        Ok(())
+    }
+}
+
+impl Source for Tlog {
+    fn format(&self) -> Format {
+        Format::Tlog
+    }
+
+    fn total_bytes(&self) -> u64 {
+        // The survey, samples, field, fixes, and the reference twice.
+        6 * self.length_bytes
+    }
+
+    fn read_bytes(&self) -> u64 {
+        self.read_bytes.get()
+    }
+
+    fn survey(&mut self, progress: &mut dyn FnMut(u64)) -> Result<Survey, ImportError> {
+        let mut finder = SegmentFinder::new(&SourceClock::default());
+        let mut survey = Survey { expected: "HIGHRES_IMU, SCALED_IMU or RAW_IMU".into(), ..Survey::default() };
+        let mut messages = self.messages()?;
+        for imu in [None, Some(ImuMessage::RawImu)] {
+            self.imu = imu;
+            messages = self.messages()?;
+            self.survey_messages(&mut messages, &mut survey, &mut finder, progress)?;
+            if !finder.segments().is_empty() {
+                break;
             }
         }
         progress(self.read_bytes.get());
@@ -123,7 +166,9 @@ impl Source for Tlog {
                 survey.notes.push(Note::Skipped { what, count, reason });
             }
         }
-        survey.notes.push(Note::Missing { what: "reference attitude" });
+        if !survey.has_reference {
+            survey.notes.push(Note::Missing { what: "reference attitude" });
+        }
         survey.segments = finder.segments().to_vec();
         survey.wraps = finder.wraps;
         Ok(survey)
@@ -131,26 +176,38 @@ impl Source for Tlog {
 
     fn motion(&self) -> Result<Motion<'_>, ImportError> {
         Ok(Motion::Joint(self.values(|TimedValue { t_ns, value }| match value {
-            Value::Imu { rate_rad_s, force_m_s2, .. } => Some(Inertial::joint(t_ns, rate_rad_s, force_m_s2)),
+            LogValue::Measurement(Value::Imu { rate_rad_s, force_m_s2, .. }) => {
+                Some(Inertial::joint(t_ns, rate_rad_s, force_m_s2))
+            }
             _ => None,
         })?))
     }
 
     fn field_samples(&self) -> Result<Samples<'_, Sample>, ImportError> {
         self.values(|TimedValue { t_ns, value }| match value {
-            Value::Imu { field_ut, .. } => Some((t_ns, field_ut?)),
-            Value::Field(field_ut) => Some((t_ns, field_ut)),
-            Value::Fix { .. } => None,
+            LogValue::Measurement(Value::Imu { field_ut, .. }) => Some((t_ns, field_ut?)),
+            LogValue::Measurement(Value::Field(field_ut)) => Some((t_ns, field_ut)),
+            _ => None,
         })
     }
 
     fn reference_attitudes(&self) -> Result<Samples<'_, Attitude>, ImportError> {
-        Ok(Box::new(iter::empty()))
+        let has_quaternions = self.has_quaternions;
+        self.values(move |TimedValue { t_ns, value }| match value {
+            LogValue::Attitude(AttitudeEstimate { quaternion, is_quaternion, .. })
+                if is_quaternion == has_quaternions && is_rotation(quaternion) =>
+            {
+                let quaternion = frames::quaternion_to_native(Earth::Ned, Body::Frd, quaternion);
+                let reference = Reference { quaternion, scored: true };
+                Some(Attitude { t_ns, reference, reset_counter: Some(0) })
+            }
+            _ => None,
+        })
     }
 
     fn fixes(&self) -> Result<Samples<'_, ReceiverFix>, ImportError> {
         self.values(|TimedValue { t_ns, value }| match value {
-            Value::Fix { velocity_m_s, position, .. } => {
+            LogValue::Measurement(Value::Fix { velocity_m_s, position, .. }) => {
                 let degrees = |angle: Option<f64>| angle.map_or(f64::NAN, f64::to_degrees);
                 let [latitude_deg, longitude_deg] = [position.latitude_rad, position.longitude_rad].map(degrees);
                 let altitude_m = position.altitude_m.unwrap_or(f64::NAN);
@@ -169,6 +226,9 @@ struct MessageReader {
     has_ended: bool,
     format: Mavlink,
     pending: Vec<Measurement>,
+    pending_attitude: Option<AttitudeEstimate>,
+    /// `true` if the samples have the time since the start of the autopilot.
+    is_since_boot: bool,
     arrival_ns: i64,
     /// Time of the latest sample minus its time of arrival, ns.
     offset_ns: i64,
@@ -177,8 +237,8 @@ struct MessageReader {
 }
 
 impl MessageReader {
-    fn open(path: &Path, read_bytes: &Rc<Cell<u64>>) -> io::Result<Self> {
-        let settings = MavlinkSettings { raw_scale: Some(RawScale::ARDUPILOT), ..MavlinkSettings::default() };
+    fn open(path: &Path, read_bytes: &Rc<Cell<u64>>, imu: Option<ImuMessage>) -> io::Result<Self> {
+        let settings = MavlinkSettings { raw_scale: Some(RawScale::ARDUPILOT), imu, ..MavlinkSettings::default() };
         Ok(Self {
             file: CountingReader::new(File::open(path)?, read_bytes),
             buffer: Vec::new(),
@@ -186,6 +246,8 @@ impl MessageReader {
             has_ended: false,
             format: Mavlink::new(settings),
             pending: Vec::new(),
+            pending_attitude: None,
+            is_since_boot: false,
             arrival_ns: 0,
             offset_ns: 0,
             skipped_bytes: 0,
@@ -204,8 +266,17 @@ impl MessageReader {
                         | DeviceTime::Unix { now_ns } => now_ns.cast_signed(),
                     };
                     self.offset_ns = t_ns.saturating_sub(self.arrival_ns);
+                    self.is_since_boot = matches!(time, DeviceTime::SinceBoot { .. });
                 }
-                return Ok(Some(TimedValue { t_ns: self.arrival_ns.saturating_add(self.offset_ns), value }));
+                let t_ns = self.arrival_ns.saturating_add(self.offset_ns);
+                return Ok(Some(TimedValue { t_ns, value: LogValue::Measurement(value) }));
+            }
+            if let Some(attitude) = self.pending_attitude.take() {
+                let t_ns = match attitude.time {
+                    DeviceTime::SinceBoot { now_ns } if self.is_since_boot => now_ns.cast_signed(),
+                    _ => self.arrival_ns.saturating_add(self.offset_ns),
+                };
+                return Ok(Some(TimedValue { t_ns, value: LogValue::Attitude(attitude) }));
             }
             if !self.read_record()? {
                 return Ok(None);
@@ -227,7 +298,10 @@ impl MessageReader {
         }
         let first = self.pending.len();
         let length = match self.format.parse(message, &mut self.pending) {
-            ParseOutcome::Frame(length) => Some(length),
+            ParseOutcome::Frame(length) => {
+                self.pending_attitude = message.get(..length).and_then(|frame| self.format.attitude(frame));
+                Some(length)
+            }
             ParseOutcome::Foreign(length) => {
                 self.foreign += 1;
                 Some(length)

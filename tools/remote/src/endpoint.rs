@@ -1,6 +1,7 @@
 //! Endpoint of remote vehicles and the client's certificate.
 
 use std::{
+    fmt,
     path::{Path, PathBuf},
     time::Duration,
 };
@@ -71,6 +72,12 @@ impl RemoteEndpoint {
             (None, None) => None,
         };
         Ok(Endpoints { tls, ..Endpoints::with_connect(&self.endpoints) })
+    }
+}
+
+impl fmt::Display for RemoteEndpoint {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(&self.endpoints.join(", "))
     }
 }
 

@@ -137,7 +137,7 @@ pub enum ScoreError {
     Collector(#[from] CollectorError),
     /// An output file would overwrite the recording or an estimate.
     #[error(
-        "writing {}: this is the recording itself or an estimate; choose another folder for --out or --csv",
+        "writing {}: this is the recording itself or an estimate; choose another folder for --out-dir or --csv",
         foreign::path(path)
     )]
     OutputIsRecording {

@@ -362,7 +362,7 @@ fn heading_offset_warning(offset_deg: f64) -> String {
             "\n    a reference relative to true north, whose declination is missing: `--set declination_deg={offset_deg:.1}`\n    a reference with its own zero of yaw: align it with north"
         )
     } else if from_axes_deg.abs() < MAX_AXES_ERROR_DEG {
-        "\n    axes that are exchanged (forward and right, or north and east): `--frame enu-flu` or `--frame ned-frd` of `plumb import`".to_owned()
+        "\n    axes that are exchanged (forward and right, or north and east): `--frame enu-flu` or `--frame ned-frd` for CSV, MCAP and bags; ULog, ArduPilot log and tlog define their axes, so align the reference".to_owned()
     } else {
         "\n    a reference with its own zero of yaw: align it with north".to_owned()
     };

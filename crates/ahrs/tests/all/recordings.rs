@@ -32,7 +32,7 @@ fn sample_recording_yields_the_bits_of_the_system() {
     assert!(compare(&path) > 1000);
 }
 
-#[test]
+#[recorded::test]
 fn broad_yields_the_bits_of_the_system() {
     let data = std::env::var_os("PLUMBLINE_DATA")
         .map_or_else(|| Path::new(env!("CARGO_MANIFEST_DIR")).join("../../../shared/data"), PathBuf::from);

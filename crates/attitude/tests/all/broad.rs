@@ -40,7 +40,7 @@ fn inclination_rad(a: Quaternion<f64>, b: Quaternion<f64>) -> f64 {
     2.0 * difference.i.hypot(difference.j).atan2(difference.w.hypot(difference.k))
 }
 
-#[test]
+#[recorded::test]
 fn wz_inclination_on_broad_is_within_limit() {
     let mut rmses_deg = Vec::new();
     for trial in trials() {

@@ -79,7 +79,7 @@ fn assert_consistent(ratios: [f64; 2], name: &str) {
     assert!(ratios.iter().all(|ratio| CONSISTENT.contains(ratio)), "{name}: {ratios:.2?}");
 }
 
-#[test]
+#[recorded::test]
 fn wz_sd_is_consistent_on_broad_and_crossed_trials() {
     let Some(trials) = trials() else { return };
     let normalised = |rows: &[recording::Row]| {

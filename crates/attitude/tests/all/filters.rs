@@ -118,7 +118,7 @@ fn coning_compensation_removes_coning_drift() {
     }
 }
 
-#[test]
+#[recorded::test]
 fn filters_on_broad_match_published_figures() {
     let Some(trials) = broad() else { return };
     let default = |name: &str| Fuser::from_name(name).unwrap();

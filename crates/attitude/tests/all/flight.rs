@@ -306,7 +306,7 @@ fn errors_over_flight(fuser: &str, name: &str, rows: &[Row], is_covered: impl Fn
 
 /// The limits are wide, because the flight is aerobatic and the reference is the solution of an
 /// autopilot, with errors of 2 to 4°.
-#[test]
+#[recorded::test]
 fn real_flight_without_magnetometer_is_within_limits() {
     let Some(rows) = recorded_flight() else { return };
     let [inclination, heading] = errors_over_flight("aided", "fixes all the time", &rows, |_| true);
@@ -320,7 +320,7 @@ fn real_flight_without_magnetometer_is_within_limits() {
     assert!(inclination < 8.6);
 }
 
-#[test]
+#[recorded::test]
 fn real_flight_without_receiver_is_levelled_by_turns() {
     let Some(rows) = recorded_flight() else { return };
     let [with_fixes, _] = errors_over_flight("multiple-model", "fixes all the time", &rows, |_| true);

@@ -250,7 +250,7 @@ fn excessive_errors(index: usize, rows: &[Row], magnetic: bool) -> Vec<String> {
     excessive
 }
 
-#[test]
+#[recorded::test]
 fn swap_error_stays_within_margins_of_solo_runs() {
     let Some(trials) = broad() else { return };
     let excessive = std::thread::scope(|scope| {
@@ -326,7 +326,7 @@ fn unknown_leaky_velocity_does_not_change_level() {
     }
 }
 
-#[test]
+#[recorded::test]
 fn fuser_without_own_bias_hands_on_received_bias() {
     let Some(trials) = broad() else { return };
     let trial = Trial::new(&trials[0], true);
@@ -343,7 +343,7 @@ fn fuser_without_own_bias_hands_on_received_bias() {
     }
 }
 
-#[test]
+#[recorded::test]
 fn every_fuser_hands_over_gyro_bias_found_at_rest() {
     let Some(trials) = broad() else { return };
     // The trials start at rest.
@@ -386,7 +386,7 @@ fn smooth_ride_is_not_detected_as_rest() {
     }
 }
 
-#[test]
+#[recorded::test]
 fn restart_from_snapshot_continues_bit_for_bit() {
     let Some(trials) = broad() else { return };
     let trial = Trial::new(&trials[0], true);

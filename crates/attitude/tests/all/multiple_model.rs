@@ -41,7 +41,7 @@ fn inputs(trial: &[Row], magnetic: bool, is_missing: impl Fn(usize) -> bool) -> 
     trial.iter().enumerate().filter(|(index, _)| !is_missing(*index)).map(input).collect()
 }
 
-#[test]
+#[recorded::test]
 fn multiple_model_on_broad_equals_wz_bit_for_bit() {
     let Some(trials) = broad() else { return };
     for (index, trial) in trials.iter().enumerate() {
@@ -54,7 +54,7 @@ fn multiple_model_on_broad_equals_wz_bit_for_bit() {
     }
 }
 
-#[test]
+#[recorded::test]
 fn gaps_in_motion_are_not_taken_for_turns() {
     let Some(trials) = broad() else { return };
     for (index, trial) in trials.iter().enumerate() {

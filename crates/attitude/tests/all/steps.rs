@@ -154,7 +154,7 @@ fn multicopter_log_has_no_unannounced_step() {
     }
 }
 
-#[test]
+#[recorded::test]
 fn broad_trials_have_no_unannounced_step() {
     let Some(folder) = data("broad") else { return };
     let mut paths: Vec<_> = folder.read_dir().unwrap().map(|entry| entry.unwrap().path()).collect();
@@ -174,7 +174,7 @@ fn broad_trials_have_no_unannounced_step() {
 /// little between ticks. Therefore, the change of the correction is limited instead: for `wz`,
 /// `aided` and `multiple-model` to twice `MAX_STEP_DEG`, and for the others to a limit that their
 /// known steps do not exceed.
-#[test]
+#[recorded::test]
 fn aerobatic_flight_has_no_unannounced_step() {
     let Some(path) = data("flights/apm_plane_log2_imu.csv.gz") else { return };
     let fixes = FixReader::open(&data("flights/apm_plane_log2_gnss.csv").unwrap()).unwrap();

@@ -90,7 +90,7 @@ fn score_deg(trial: &Trial, readings: &[Reading], block: &str) -> f64 {
     collector.accuracy().rmse().unwrap().total_deg
 }
 
-#[test]
+#[recorded::test]
 fn calibration_restores_score_after_added_errors() {
     /// Maximum increase of the error compared with the original recording, degrees.
     const MARGIN_DEG: f64 = 0.15;
@@ -130,7 +130,7 @@ fn calibration_restores_score_after_added_errors() {
     }
 }
 
-#[test]
+#[recorded::test]
 fn estimated_errors_match_added_errors() {
     let errors = errors();
     let Some(trial) = trial("02") else { return };
@@ -148,7 +148,7 @@ fn estimated_errors_match_added_errors() {
     assert!((value(Kind::Mag, &raw) - centre).amax() < 0.5, "{} {centre}", value(Kind::Mag, &raw));
 }
 
-#[test]
+#[recorded::test]
 fn mag_delay_matches_literature_and_added_delay() {
     let Some(trial) = trial("07") else { return };
     let mut readings = readings(&trial);

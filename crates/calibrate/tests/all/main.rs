@@ -3,6 +3,7 @@
 
 mod broad;
 mod launch_file;
+mod noise;
 mod rejections;
 mod simulated;
 mod truth;

@@ -7,6 +7,7 @@
 //! | RAW_IMU | unitless numbers, decoded only if selected and if a [`RawScale`] is set |
 //! | GPS_RAW_INT | ground speed and course, see below |
 //! | GLOBAL_POSITION_INT | velocity estimated by the autopilot, only if selected |
+//! | ATTITUDE, ATTITUDE_QUATERNION | no measurement; [`Mavlink::attitude`] decodes them |
 //! | others | counted |
 //!
 //! Only one system, one component and one kind of IMU message are decoded. What is not selected is
@@ -49,6 +50,8 @@ const FLAG_SIGNED: u8 = 1;
 const GPS_RAW_INT: u32 = 24;
 const SCALED_IMU: u32 = 26;
 const RAW_IMU: u32 = 27;
+const ATTITUDE: u32 = 30;
+const ATTITUDE_QUATERNION: u32 = 31;
 const GLOBAL_POSITION_INT: u32 = 33;
 const HIGHRES_IMU: u32 = 105;
 const SCALED_IMU2: u32 = 116;
@@ -96,6 +99,17 @@ pub struct MavlinkSettings {
     pub fix: FixMessage,
     /// Units of RAW_IMU; `None` ignores the message.
     pub raw_scale: Option<RawScale>,
+}
+
+/// Attitude that the autopilot has estimated.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct AttitudeEstimate {
+    /// Time since the start of the autopilot.
+    pub time: DeviceTime,
+    /// Quaternion w, x, y, z: rotation from (forward, right, down) to (north, east, down).
+    pub quaternion: [f64; 4],
+    /// `true` for ATTITUDE_QUATERNION, `false` for ATTITUDE.
+    pub is_quaternion: bool,
 }
 
 /// Message with rate and specific force.
@@ -146,6 +160,28 @@ impl Mavlink {
     /// Creates a format with these settings.
     pub fn new(settings: MavlinkSettings) -> Self {
         Self { settings, ..Self::default() }
+    }
+
+    /// Decodes the attitude in a frame that [`Format::parse`] has accepted.
+    ///
+    /// Returns `None` for other messages, and for those of senders that are not decoded.
+    pub fn attitude(&self, frame: &[u8]) -> Option<AttitudeEstimate> {
+        let header = Header::parse(frame).ok()?;
+        let chosen = self.choice.chosen(self.now)?;
+        if (chosen.system, chosen.component) != (header.system, header.component) {
+            return None;
+        }
+        let payload = Payload::new(frame.get(header.bytes..header.bytes + header.payload_bytes)?);
+        let quaternion = match header.message {
+            ATTITUDE => quaternion_of(payload.three_f32(4)),
+            ATTITUDE_QUATERNION => {
+                let [w, x, y] = payload.three_f32(4);
+                [w, x, y, f32::from_le_bytes(payload.bytes(16)).into()]
+            }
+            _ => return None,
+        };
+        let is_quaternion = header.message == ATTITUDE_QUATERNION;
+        Some(AttitudeEstimate { time: since_boot(payload.u32(0)), quaternion, is_quaternion })
     }
 
     /// Decodes a message. Returns `false` if its measurement is of a sender that is not decoded.
@@ -353,6 +389,12 @@ impl RawScale {
             field_ut: (field != [0; 3]).then(|| frd_to_rfu(field.map(in_units_of(self.field_ut)))),
         }
     }
+}
+
+/// Converts roll, pitch and yaw, rad, to a quaternion w, x, y, z.
+fn quaternion_of(angles_rad: [f64; 3]) -> [f64; 4] {
+    let [(sr, cr), (sp, cp), (sy, cy)] = angles_rad.map(|angle_rad| (angle_rad / 2.0).sin_cos());
+    [cr * cp * cy + sr * sp * sy, sr * cp * cy - cr * sp * sy, cr * sp * cy + sr * cp * sy, cr * cp * sy - sr * sp * cy]
 }
 
 /// Converts (forward, right, down) to (right, forward, up).

@@ -104,6 +104,52 @@ fn time_counter_has_configured_period() {
 }
 
 #[test]
+fn units_in_column_names_apply() {
+    let header = "time_ms;gyro_x (deg/s);gyro_y (deg/s);gyro_z (deg/s);acc_x_g;acc_y_g;acc_z_g;MagX (mGauss);MagY (mGauss);MagZ (mGauss)\n";
+    let row = "20;90;0;0;0;0;1;100;0;0\n";
+    let quarter = 90f64.to_radians();
+    let time = |now_ns| Some(DeviceTime::SinceBoot { now_ns });
+    let complete = LineSettings { starts_at_line_start: true, ..LineSettings::default() };
+    let (found, counts) = read(&complete, &format!("{header}{row}"));
+    assert_eq!(found, [imu(time(20_000_000), [quarter, 0.0, 0.0], [0.0, 0.0, 9.80665], Some([10.0, 0.0, 0.0]))]);
+    assert_eq!(counts, Counts { frames: 2, ..Counts::default() });
+    // The units of the settings take precedence.
+    let named = LineSettings {
+        mapping: Mapping::parse_live::<&str>(&[], Some("rad/s,uT"), None).unwrap(),
+        starts_at_line_start: true,
+        ..LineSettings::default()
+    };
+    let (found, _) = read(&named, &format!("{header}{row}"));
+    assert_eq!(found, [imu(time(20_000_000), [90.0, 0.0, 0.0], [0.0, 0.0, 9.80665], Some([100.0, 0.0, 0.0]))]);
+    // A counter has the unit of its name, and a time of unknown unit is not used.
+    let wrapping = LineSettings { time_bits: Some(32), ..complete.clone() };
+    let (found, _) = read(&wrapping, &format!("{}{row}", header.replace("time_ms", "micros")));
+    assert_eq!(found.first().and_then(|found| found.time), None);
+    let (found, _) = read(&wrapping, &format!("{}{row}", header.replace("time_ms", "t_us")));
+    let period_ns = (1 << 32) * 1000;
+    assert_eq!(found.first().and_then(|found| found.time), Some(DeviceTime::Counter { now_ns: 20_000, period_ns }));
+    // Contradictory or missing units make no header.
+    for header in [header.replace("gyro_z (deg/s)", "gyro_z (rad/s)"), header.replace(" (deg/s)", "")] {
+        let (found, counts) = read(&complete, &format!("{header}{row}"));
+        assert_eq!((found.len(), counts.rejected), (0, 2), "{header}");
+    }
+    let names = "gyro_x,gyro_y,gyro_z,ax,ay,az".split(',').map(str::to_owned).collect();
+    let error = Lines::new(&LineSettings { columns: Some(names), ..LineSettings::default() }).unwrap_err();
+    assert_eq!(error.to_string(), "the column names \"gyro_x\" state no unit; set `units` to rad/s");
+}
+
+#[test]
+fn lines_may_end_with_carriage_returns() {
+    let text = "t,gx,gy,gz,ax,ay,az\n1,0,0,0,0,0,9.8\n2,0,0,0,0,0,9.8\n3,0,0,0,0,0,9.8\n";
+    let (expected, counts) = read(&LineSettings::default(), text);
+    assert_eq!(expected.len(), 3);
+    assert_eq!(read(&LineSettings::default(), &text.replace('\n', "\r\n")), (expected.clone(), counts));
+    // The last line ends when the next one starts.
+    let (found, _) = read(&LineSettings::default(), &format!("{}4", text.replace('\n', "\r")));
+    assert_eq!(found, expected);
+}
+
+#[test]
 fn repeated_fix_is_reported_once() {
     let maps = ["t=t,gx=gx,gy=gy,gz=gz,ax=ax,ay=ay,az=az,ve=e,vn=n,vd=d,lat=lat"];
     let text = "t,gx,gy,gz,ax,ay,az,e,n,d,lat\n1,0,0,0,0,0,9.8,1,2,3,-37.5\n2,0,0,0,0,0,9.8,1,2,3,-37.5\n\
@@ -156,7 +202,7 @@ fn header_may_be_a_comment_with_units() {
     let maps = ["t=timestamp,gx=wx,gy=wy,gz=wz,ax=fx,ay=fy,az=fz"];
     let row = imu(Some(DeviceTime::Unix { now_ns: 1_700_000_000_020_000_000 }), [1.0, 2.0, 3.0], [4.0, 5.0, 6.0], None);
     for (header, row_text) in [
-        ("#timestamp [ns],wx [rad/s],wy [rad/s],wz [°/s],fx,fy,fz [m/s^2]", "1700000000020000000,1,2,3,4,5,6"),
+        ("#timestamp [ns],wx [rad/s],wy [rad/s],wz [rad/s],fx,fy,fz [m/s^2]", "1700000000020000000,1,2,3,4,5,6"),
         ("% timestamp wx wy wz fx fy fz", "1700000000020000000 1,0 2,0 3 4 5 6"),
         ("// timestamp;wx;wy;wz;fx;fy;fz", "1700000000020000000;1;2;3;4;5;6"),
     ] {

@@ -70,7 +70,7 @@ fn after_rotations(readings: &[Reading], rate_hz: f64) -> Vec<Reading> {
     all
 }
 
-#[test]
+#[recorded::test]
 fn hidden_axis_errors_are_diagnosed_after_90_degree_rotations() {
     let mut failures = Vec::new();
     for name in WITHOUT_ROTATION {

@@ -48,7 +48,15 @@ pub(crate) fn rate_hz(readings: &[Reading]) -> f64 {
 
 /// Returns the diagnoses, each with the sample time at which it was made, s.
 pub(crate) fn diagnose(readings: impl IntoIterator<Item = Reading>, rate_hz: f64) -> Vec<(f64, Diagnosis)> {
-    let launch = Launch::default();
+    diagnose_with(readings, rate_hz, &Launch::default())
+}
+
+/// Returns the diagnoses of [`diagnose`] with the settings of a launch file.
+pub(crate) fn diagnose_with(
+    readings: impl IntoIterator<Item = Reading>,
+    rate_hz: f64,
+    launch: &Launch,
+) -> Vec<(f64, Diagnosis)> {
     let mut conditioner = Conditioner::new(&launch.ingest, rate_hz, GyroSamples::Means).unwrap();
     let mut check = InputCheck::default();
     let (mut found, mut first_ns, mut now_s) = (Vec::new(), None, 0.0);
@@ -67,7 +75,7 @@ pub(crate) type Change = fn(Reading) -> Reading;
 
 /// Input errors. Each entry contains the name of the error, its effect on a reading, the expected
 /// issue, and a part of the text of an expected cause.
-pub(crate) const INPUT_ERRORS: [(&str, Change, InputIssue, &str); 17] = [
+pub(crate) const INPUT_ERRORS: [(&str, Change, InputIssue, &str); 19] = [
     (
         "rates in °/s",
         |r| Reading { rate_rad_s: r.rate_rad_s.map(f64::to_degrees), ..r },
@@ -158,6 +166,18 @@ pub(crate) const INPUT_ERRORS: [(&str, Change, InputIssue, &str); 17] = [
         "an axis of the force stuck",
         |r| Reading { force_m_s2: [r.force_m_s2[0], r.force_m_s2[1], 9.8], ..r },
         InputIssue::ForceStuck,
+        "",
+    ),
+    (
+        "an axis of the field stuck",
+        |r| Reading { field_ut: r.field_ut.map(|[x, y, _]| [x, y, -44.0]), ..r },
+        InputIssue::FieldStuck,
+        "",
+    ),
+    (
+        "a dead magnetometer",
+        |r| Reading { field_ut: r.field_ut.map(|_| [10.0, 20.0, -44.0]), ..r },
+        InputIssue::FieldStuck,
         "",
     ),
 ];

@@ -53,7 +53,7 @@ fn from_tenth(readings: &[Reading], tenth: usize) -> &[Reading] {
     &readings[readings.len() * tenth / 10..]
 }
 
-#[test]
+#[recorded::test]
 fn logs_have_no_diagnosis_from_any_start() {
     for (name, ..) in LOGS {
         let Some(all) = log(name) else { continue };
@@ -64,7 +64,7 @@ fn logs_have_no_diagnosis_from_any_start() {
     }
 }
 
-#[test]
+#[recorded::test]
 fn errors_visible_in_the_motion_are_diagnosed() {
     let mut failures = Vec::new();
     for (name, tenth, visible) in LOGS {
@@ -86,7 +86,7 @@ fn errors_visible_in_the_motion_are_diagnosed() {
     assert!(failures.is_empty(), "{}", failures.join("\n"));
 }
 
-#[test]
+#[recorded::test]
 fn unordered_timestamps_and_small_range_are_diagnosed() {
     let every = |all: &[Reading], step: usize| (step..all.len()).step_by(step).collect::<Vec<_>>();
     for (name, tenth, _) in LOGS {

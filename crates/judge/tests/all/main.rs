@@ -7,3 +7,4 @@ mod arbitrary_input;
 mod common;
 mod logs;
 mod recordings;
+mod remedies;

@@ -9,7 +9,7 @@ use std::thread;
 /// Prefixes of the recordings with rotation. The other recordings do not reveal errors in the axes.
 const ROTATING_RECORDINGS: [&str; 5] = ["02_", "04_", "07_", "33_", "36_"];
 
-#[test]
+#[recorded::test]
 fn open_recordings_have_no_diagnosis_from_any_start() {
     thread::scope(|scope| {
         for path in recordings() {
@@ -49,7 +49,7 @@ fn simulations_have_no_diagnosis() {
     }
 }
 
-#[test]
+#[recorded::test]
 fn each_input_error_is_diagnosed() {
     let mut failures = Vec::new();
     for path in recordings() {
@@ -147,7 +147,7 @@ const INPUT_ERRORS_BY_RECORDING: [InputError; 7] = [
     ),
 ];
 
-#[test]
+#[recorded::test]
 fn errors_visible_at_rest_are_diagnosed_in_every_recording() {
     let mut failures = Vec::new();
     for path in recordings() {

@@ -232,6 +232,11 @@ impl Source for Bag<'_> {
         Ok(survey)
     }
 
+    fn field_factor(&self) -> Option<f64> {
+        let topic = self.selection.as_ref().and_then(|selection| selection.field.as_ref());
+        topic.filter(|topic| topic.kind == Kind::MagneticField).map(|_| self.convention.field_factor())
+    }
+
     fn field_samples(&self) -> Result<Samples<'_, Sample>, ImportError> {
         let Some(topic) = self.selection.as_ref().and_then(|selection| selection.field.clone()) else {
             return Ok(Box::new(iter::empty()));

@@ -131,6 +131,11 @@ impl Convention {
         }
     }
 
+    /// Returns the factor that converts the field to µT.
+    pub(crate) fn field_factor(&self) -> f64 {
+        self.field
+    }
+
     fn to_native(self, vector: [f64; 3], factor: f64) -> Option<[f64; 3]> {
         Some(self.body.to_native(finite(vector)?.map(|part| part * factor)))
     }

@@ -34,6 +34,8 @@ fn csv_dialect_and_gzip_detected_from_content() {
     gzip.write_all(point.as_bytes()).unwrap();
     for contents in [
         point.to_owned(),
+        point.replace('\n', "\r"),
+        point.replace('\n', "\r\n"),
         point.replace(',', "\t"),
         point.replace(',', ";"),
         point.replace(',', ";").replace('.', ","),
@@ -45,6 +47,20 @@ fn csv_dialect_and_gzip_detected_from_content() {
         assert_eq!(imported(&contents, mapping(&[NAMES], "", "rfu")).rows, expected, "{contents}");
     }
     assert_eq!(imported(gzip.finish().unwrap(), mapping(&[NAMES], "", "rfu")).rows, expected);
+}
+
+#[test]
+fn long_file_with_carriage_returns_is_read() {
+    let rows: String = (0..20_000).map(|n| format!("{n},0.1,0.2,0.3,0.4,0.5,9.8\r")).collect();
+    let found = imported(format!("t,p,q,r,u,v,w\r{rows}"), mapping(&[NAMES], "ms", "rfu"));
+    assert_eq!(found.rows.len(), 20_000);
+}
+
+#[test]
+fn own_columns_with_carriage_returns_are_read() {
+    let folder = Folder::new();
+    let path = folder.file("own_imu.csv", "t_s,gx,gy,gz,ax,ay,az\r0,0,0,0,0,0,9.8\r0.01,0,0,0,0,0,9.8\r");
+    assert_eq!(folder.import(&[path], None).unwrap().rows.len(), 2);
 }
 
 #[test]
@@ -201,4 +217,151 @@ fn csv_progress_increases_to_total() {
     );
     let last = reports.last().unwrap();
     assert_eq!(last.done_bytes, last.total_bytes);
+}
+
+/// Header of a table, and the factors of its rate, force and field.
+const HEADERS: [(&str, [f64; 3]); 12] = [
+    ("t_s,gx,gy,gz,ax,ay,az,mx,my,mz", [1.0, 1.0, 1.0]),
+    ("t[ms],gx [deg/s],gy [deg/s],gz [deg/s],ax [g],ay [g],az [g],mx,my,mz", [DEG, G, 1.0]),
+    ("time_ms,gyro_x_dps,gyro_y_dps,gyro_z_dps,acc_x_g,acc_y_g,acc_z_g,mag_x_uT,mag_y_uT,mag_z_uT", [DEG, G, 1.0]),
+    (
+        "time (s),gyro_x (deg/s),gyro_y (deg/s),gyro_z (deg/s),acc_x (g),acc_y (g),acc_z (g),MagX (mGauss),MagY (mGauss),MagZ (mGauss)",
+        [DEG, G, 0.1],
+    ),
+    (
+        "Timestamp_us,GyroX[rad/s],GyroY[rad/s],GyroZ[rad/s],accel_x_mps2,accel_y_mps2,accel_z_mps2,MagX[nT],MagY[nT],MagZ[nT]",
+        [1.0, 1.0, 1e-3],
+    ),
+    ("TIME (S),wx(rad/s),wy(rad/s),wz(rad/s),fx(m/s^2),fy(m/s^2),fz(m/s^2),BX (G),BY (G),BZ (G)", [1.0, 1.0, 100.0]),
+    (
+        "\"time, s\",\"gyro x [mdps]\",\"gyro y [mdps]\",\"gyro z [mdps]\",\"acc x [mg]\",\"acc y [mg]\",\"acc z [mg]\",\"mag x [T]\",\"mag y [T]\",\"mag z [T]\"",
+        [DEG / 1000.0, G / 1000.0, 1e6],
+    ),
+    (
+        "#timestamp [ns],w_RS_S_x [rad s^-1],w_RS_S_y [rad s^-1],w_RS_S_z [rad s^-1],a_RS_S_x [m s^-2],a_RS_S_y [m s^-2],a_RS_S_z [m s^-2],mx,my,mz",
+        [1.0, 1.0, 1.0],
+    ),
+    // The unit of one component applies to the vector.
+    ("time_ms,gyro_x_dps,gyro_y,gyro_z,acc_x_g,acc_y,acc_z,mag_x_uT,mag_y,mag_z", [DEG, G, 1.0]),
+    // A name of a recording is preferred.
+    (
+        "t_s,gx,gy,gz,acc_x_mg,acc_y_mg,acc_z_mg,mx,my,mz,time_ms,gyro_x_dps,gyro_y_dps,gyro_z_dps",
+        [1.0, G / 1000.0, 1.0],
+    ),
+    (
+        "Time (sec),Gyro X (deg/sec),Gyro Y (deg/sec),Gyro Z (deg/sec),Accel X (m/s²),Accel Y (m/s²),Accel Z (m/s²),Mag X (µT),Mag Y (µT),Mag Z (µT)",
+        [DEG, 1.0, 1.0],
+    ),
+    (
+        "elapsed_ms;x_gyro_dps;y_gyro_dps;z_gyro_dps;x_acc_mg;y_acc_mg;z_acc_mg;x_mag_mgauss;y_mag_mgauss;z_mag_mgauss",
+        [DEG, G / 1000.0, 0.1],
+    ),
+];
+const DEG: f64 = std::f64::consts::PI / 180.0;
+const G: f64 = 9.80665;
+
+/// Returns a table with two rows at 0 and 20 ms of the time unit in its header.
+fn table(header: &str) -> String {
+    let separator = if header.contains(';') { ";" } else { "," };
+    let lower = header.to_lowercase();
+    let step = match lower.split([',', ';']).next().unwrap_or_default() {
+        time if time.contains("ns") => "20000000",
+        time if time.contains("us") => "20000",
+        time if time.contains("ms") => "20",
+        _ => "0.02",
+    };
+    let count = header.split(separator).count() - 1 - usize::from(header.contains("\"time, s\""));
+    let values = ["1", "2", "3", "4", "5", "6", "7", "8", "9", "1", "1", "1", "1"];
+    let row = |time: &str| format!("{time}{separator}{}\n", values[..count].join(separator));
+    format!("{header}\n{}{}", row("0"), row(step))
+}
+
+#[test]
+fn units_in_column_names_apply_without_mapping() {
+    let folder = Folder::new();
+    for (header, [rate, force, field]) in HEADERS {
+        let found =
+            folder.import(&[folder.file("a.csv", table(header))], None).unwrap_or_else(|error| panic!("{error}"));
+        let scaled = |factor: f64, values: [f64; 3]| values.map(|value| value * factor);
+        for (row, t_ns) in found.rows.iter().zip([0, 20 * MS]) {
+            assert_eq!(row.t_ns, t_ns, "{header}");
+            assert_eq!(row.rate_rad_s, scaled(rate, [1.0, 2.0, 3.0]), "{header}");
+            assert_eq!(row.force_m_s2, scaled(force, [4.0, 5.0, 6.0]), "{header}");
+            assert_eq!(row.field_ut, Some(scaled(field, [7.0, 8.0, 9.0])), "{header}");
+        }
+        assert_eq!(found.rows.len(), 2, "{header}");
+        let has_note = found.summary.notes.iter().any(|note| matches!(note, Note::HeaderUnits { .. }));
+        let is_default = [rate, force, field] == [1.0; 3] && header.starts_with("t_s");
+        assert_eq!(has_note, !is_default, "{header}");
+    }
+}
+
+#[test]
+fn named_units_override_those_of_column_names() {
+    let folder = Folder::new();
+    let path = folder.file("a.csv", table(HEADERS[3].0));
+    let mapping = Mapping::parse::<&str>(&[], Some("rad/s,uT"), None).unwrap();
+    let row = folder.import(&[path], Some(mapping)).unwrap().rows[0];
+    assert_eq!((row.rate_rad_s[0], row.force_m_s2[0], row.field_ut), (1.0, 4.0 * G, Some([7.0, 8.0, 9.0])));
+    let mapped = imported(
+        "s,a [deg/s],b [deg/s],c [deg/s],d,e,f\n0,1,2,3,4,5,6\n",
+        Mapping::parse(&["t=s,gx=a,gy=b,gz=c,ax=d,ay=e,az=f"], None, None).unwrap(),
+    );
+    assert_eq!(mapped.rows[0].rate_rad_s, [DEG, 2.0 * DEG, 3.0 * DEG], "also of mapped columns");
+}
+
+/// Each message names options that read the file, which are taken from the message.
+#[test]
+fn remedies_for_ambiguous_headers_read_the_file() {
+    let folder = Folder::new();
+    for (header, message) in [
+        (
+            "time_ms,gyro_x_dps,gyro_y_dps,gyro_z (rad/s),acc_x_g,acc_y_g,acc_z_g",
+            "importing a.csv: the column names \"gyro_x_dps\" and \"gyro_z (rad/s)\" state the units deg/s and rad/s of the rate; name the right units, as with --units deg/s",
+        ),
+        (
+            "time_ms,gyro_x_dps (rad/s),gyro_y,gyro_z,acc_x_g,acc_y_g,acc_z_g",
+            "importing a.csv: the column names \"gyro_x_dps (rad/s)\" and \"gyro_x_dps (rad/s)\" state the units deg/s and rad/s of the rate; name the right units, as with --units deg/s",
+        ),
+        (
+            "time,gyro_x,gyro_y,gyro_z,acc_x (raw),acc_y,acc_z",
+            "importing a.csv: the column names \"gyro_x\", \"acc_x (raw)\", \"time\" state no unit; name the right units, as with --units rad/s,m/s2,s",
+        ),
+        (
+            "time_ms,timestamp (s),gyro_x_dps,gyro_y_dps,gyro_z_dps,acc_x_g,acc_y_g,acc_z_g",
+            "importing a.csv: t may be any of the columns \"a:time_ms\", \"a:timestamp (s)\"; choose with --map t=time_ms,gx=gyro_x_dps,gy=gyro_y_dps,gz=gyro_z_dps,ax=acc_x_g,ay=acc_y_g,az=acc_z_g",
+        ),
+        (
+            "t (ms),gyro_x (dps),gyro_y (dps),gyro_z (dps),gyro_x (rad/s),acc_x_g,acc_y_g,acc_z_g",
+            "importing a.csv: gx may be any of the columns \"a:gyro_x (dps)\", \"a:gyro_x (rad/s)\"; choose with --map 't=t (ms),gx=gyro_x (dps),gy=gyro_y (dps),gz=gyro_z (dps),ax=acc_x_g,ay=acc_y_g,az=acc_z_g'",
+        ),
+    ] {
+        let path = folder.file("a.csv", table(header));
+        let error = folder.import(std::slice::from_ref(&path), None).unwrap_err();
+        assert_eq!((folder.message(&error).as_str(), error.exit_code()), (message, 2), "{header}");
+        let option = |name: &str| message.split_once(name).map(|(_, value)| value.trim_matches('\''));
+        let maps: Vec<&str> = option("--map ").into_iter().collect();
+        let mapping = Mapping::parse(&maps, option("--units "), None).unwrap();
+        assert_eq!(folder.import(&[path], Some(mapping)).unwrap().rows.len(), 2, "{header}");
+    }
+    let path = folder.file("a.csv", "time,gyro_x,gyro_y,gyro_z,u,v,w\n0,1,2,3,4,5,6\n");
+    let error = folder.message(&folder.import(&[path], None).unwrap_err());
+    assert!(error.contains("--map t=time,gx=gyro_x,gy=gyro_y,gz=gyro_z,ax=COLUMN,ay=COLUMN,az=COLUMN;"), "{error}");
+}
+
+#[test]
+fn column_names_in_latin_1_are_read() {
+    let names = b"t (s),gx (\xb0/s),gy (\xb0/s),gz (\xb0/s),ax (m/s\xb2),ay (m/s\xb2),az (m/s\xb2)\n";
+    let folder = Folder::new();
+    let text = [&names[..], b"0,1,2,3,4,5,6\n0.02,1,2,3,4,5,6\n"].concat();
+    let rows = folder.import(&[folder.file("a.csv", text)], None).unwrap().rows;
+    assert_eq!((rows.len(), rows[0].rate_rad_s[0], rows[0].force_m_s2[0]), (2, DEG, 4.0));
+}
+
+#[test]
+fn times_of_day_need_no_unit_in_their_name() {
+    let folder = Folder::new();
+    let text = "time,gx,gy,gz,ax,ay,az\n13:05:00.000,1,2,3,4,5,6\n13:05:00.020,1,2,3,4,5,6\n";
+    let rows = folder.import(&[folder.file("a.csv", text)], None).unwrap().rows;
+    assert_eq!(rows[1].t_ns - rows[0].t_ns, 20 * MS);
 }

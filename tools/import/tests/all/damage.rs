@@ -158,7 +158,7 @@ fn nested_formats_of_other_topics_cost_nothing() {
     assert_eq!(folder.import(&[folder.file("a.ulg", &log.0)], None).unwrap().summary.rows, 1);
 }
 
-#[test]
+#[recorded::test]
 fn real_log_cut_anywhere_keeps_earlier_rows() {
     let Some(path) = log("px4_small.ulg") else { return };
     let (folder, log) = (Folder::new(), std::fs::read(path).unwrap());
@@ -172,7 +172,7 @@ fn real_log_cut_anywhere_keeps_earlier_rows() {
     assert_eq!(before, 1298);
 }
 
-#[test]
+#[recorded::test]
 fn longer_log_cut_at_some_bytes_keeps_earlier_rows() {
     let Some(path) = log("px4_sample.ulg") else { return };
     let (folder, log) = (Folder::new(), std::fs::read(path).unwrap());

@@ -35,7 +35,8 @@ fn mapping_invalid_rejected() {
     ] {
         assert_eq!(mapping_error(maps, "", "rfu"), expected);
     }
-    let units = "expected one of rad/s, deg/s, m/s2, g, mg, uT, nT, gauss, mT, s, ms, us, ns";
+    let units =
+        "expected one of rad/s, mrad/s, deg/s, mdeg/s, m/s2, g, mg, uT, nT, gauss, mgauss, mT, T, s, ms, us, ns";
     assert_eq!(
         mapping_error(&[NAMES], "deg/s,degs", "rfu"),
         format!("reading --units: found \"degs\" (did you mean \"deg/s\"?), {units}")
@@ -80,6 +81,25 @@ fn unknown_column_reports_similar_and_available_names() {
         import_error(&folder, &[c], &[NAMES]),
         "mapping gx: more than one column is named \"p\"; use different column names in the header"
     );
+}
+
+/// The import reports a mistake in the names of a recording as the reader of recordings does.
+#[test]
+fn misspelt_recording_column_reported_with_suggestion() {
+    let folder = Folder::new();
+    for (header, message) in [
+        ("t_s,gx,gy,gzz,ax,ay,az", "line 1, column 4: found \"gzz\", expected a known column; did you mean \"gz\"?"),
+        ("ts,gx,gy,gz,ax,ay,az", "line 1, column 1: found \"ts\", expected a known column; did you mean \"t_s\"?"),
+        ("t_s,gx,gy,gy,ax,ay,az", "line 1, column 4 (gy): found a duplicate name, expected it in column 3 only"),
+        ("t_s,gx,gy,gz,ax,ay,qw", "line 1: found no column az, expected all of t_s, gx, gy, gz, ax, ay, az"),
+    ] {
+        let path = folder.file("a.csv", format!("{header}\n0,1,2,3,4,5,6\n"));
+        for mapping in [None, Some(Mapping::parse::<&str>(&[], Some("deg/s"), None).unwrap())] {
+            let error = folder.import(from_ref(&path), mapping).unwrap_err();
+            let expected = format!("reading the recording a.csv: {message}");
+            assert_eq!((folder.message(&error), error.exit_code()), (expected, 3), "{header}");
+        }
+    }
 }
 
 #[test]

@@ -39,6 +39,14 @@ fn format_detected_by_content_under_any_name() {
             Format::ArduPilotText,
             "text form of an ArduPilot log; use the .BIN",
         ),
+        (b"\xfa\xff\x36\x05\x10\x20".into(), Format::Xsens, "read it with `plumb up --source 'stdin?format=xsens&"),
+        (
+            b"\x55\x51\0\0\0\0\0\0\0\0\xa6\x55\x52\0\0\0\0\0\0\0\0\xa7".into(),
+            Format::WitMotion,
+            "read it with `plumb up --source 'stdin?format=witmotion&",
+        ),
+        (b"\xb5\x62\x01\x07\x5c\0".into(), Format::Receiver, "a satellite receiver; it has no rate and force"),
+        (b"$GNRMC,,V,,,,,,,,,,N*4D\r\n".into(), Format::Receiver, "a satellite receiver; it has no rate and force"),
         (b"\xff\xfet\0,\0".into(), Format::Utf16, "text in UTF-16; convert it with `iconv"),
         (b"t\0,\0x\0,\0y\0,\0z\0\n\0".into(), Format::Utf16, "text in UTF-16"),
         (b"PAR1\x15\x04".into(), Format::Parquet, "Parquet file; convert it with `python3"),
@@ -65,12 +73,15 @@ fn format_detected_by_content_under_any_name() {
     std::fs::write(bag.join("bag_0.db3"), "").unwrap();
     let message = folder.message(&folder.import(&[bag], None).unwrap_err());
     assert!(message.contains("without metadata.yaml; restore it with `ros2 bag reindex "), "{message}");
-    for contents in [&b""[..], b"\x00\x01\x02"] {
-        let error = Format::detect(&folder.file("a.csv", contents)).unwrap_err();
-        let message = folder.message(&error);
-        assert!(message.starts_with("importing a.csv: unknown format, expected ULog"), "{message}");
-        assert!(message.contains("save text as \"CSV UTF-8\""), "{message}");
-    }
+    let error = Format::detect(&folder.file("a.csv", b"\x00\x01\x02")).unwrap_err();
+    let message = folder.message(&error);
+    assert!(message.starts_with("importing a.csv: unknown format, expected ULog"), "{message}");
+    assert!(message.contains("save text as \"CSV UTF-8\""), "{message}");
+    let error = Format::detect(&folder.file("a.csv", b"")).unwrap_err();
+    assert_eq!(
+        (folder.message(&error).as_str(), error.exit_code()),
+        ("reading the recording a.csv: line 1: found the end of the file, expected the header line", 3)
+    );
     let pipe = folder.path("pipe");
     assert!(std::process::Command::new("mkfifo").arg(&pipe).status().unwrap().success());
     let error = Format::detect(&pipe).unwrap_err();

@@ -74,6 +74,69 @@ fn telemetry_logs_of_both_versions_are_read() {
     }
 }
 
+/// Returns ATTITUDE and ATTITUDE_QUATERNION of a body with this roll, pitch and yaw, rad.
+fn attitude_messages(t_ms: u32, [roll, pitch, yaw]: [f32; 3]) -> [Vec<u8>; 2] {
+    let bytes = |numbers: &[f32]| -> Vec<u8> {
+        t_ms.to_le_bytes().into_iter().chain(numbers.iter().flat_map(|number| number.to_le_bytes())).collect()
+    };
+    let [(sr, cr), (sp, cp), (sy, cy)] = [roll, pitch, yaw].map(|angle| (angle / 2.0).sin_cos());
+    let quaternion = [
+        cr * cp * cy + sr * sp * sy,
+        sr * cp * cy - cr * sp * sy,
+        cr * sp * cy + sr * cp * sy,
+        cr * cp * sy - sr * sp * cy,
+    ];
+    [bytes(&[roll, pitch, yaw, 0.0, 0.0, 0.0]), bytes(&[quaternion, [0.0; 4]].concat()[..7])]
+}
+
+#[test]
+fn attitude_of_telemetry_log_is_the_reference() {
+    // East, a right roll of 90° and level, and north with the nose up.
+    let right = std::f32::consts::FRAC_PI_2;
+    let half = std::f64::consts::FRAC_1_SQRT_2;
+    for (angles, expected) in [
+        ([0.0; 3], [1.0, 0.0, 0.0, 0.0]),
+        ([0.0, 0.0, right], [half, 0.0, 0.0, -half]),
+        ([right, 0.0, 0.0], [half, 0.0, half, 0.0]),
+        ([0.0, 0.5, 0.0], [0.25f64.cos(), 0.25f64.sin(), 0.0, 0.0]),
+    ] {
+        for messages in [&[30][..], &[31], &[30, 31]] {
+            let mut log = Vec::new();
+            for n in 0..50u32 {
+                let arrival_us = 1_700_000_000_000_000 + u64::from(n) * 20_000;
+                let motion = scaled_imu(5000 + 20 * n, [0, 0, -1000, 100, 0, 0, 200, 0, 430]);
+                log.extend(tlog_record(arrival_us, 2, 26, &motion));
+                let [euler, quaternion] = attitude_messages(5000 + 20 * n, angles);
+                for message in messages {
+                    let payload = if *message == 30 { &euler } else { &quaternion };
+                    log.extend(tlog_record(arrival_us, 2, *message, payload));
+                }
+            }
+            let folder = Folder::new();
+            let imported = folder.import(&[folder.file("a.tlog", &log)], None).unwrap();
+            assert_eq!(imported.summary.reference_rows, 50, "{messages:?}: {}", notes(&imported));
+            let found = imported.rows[7].reference.unwrap().quaternion;
+            let cosine: f64 = found.iter().zip(expected).map(|(a, b)| a * b).sum();
+            assert!((cosine.abs() - 1.0).abs() < 1e-6, "{angles:?} {messages:?}: {found:?}");
+            assert!(!notes(&imported).contains("reference"), "{}", notes(&imported));
+        }
+    }
+}
+
+#[test]
+fn telemetry_log_with_raw_imu_only_is_read() {
+    let mut log = Vec::new();
+    for n in 0..50u32 {
+        let arrival_us = 1_700_000_000_000_000 + u64::from(n) * 20_000;
+        let numbers = [0i16, 0, -1000, 100, 0, 0, 200, 0, 430].map(i16::to_le_bytes);
+        let time_us = u64::from(5_000_000 + 20_000 * n).to_le_bytes();
+        log.extend(tlog_record(arrival_us, 1, 27, &[&time_us[..], numbers.as_flattened()].concat()));
+    }
+    let folder = Folder::new();
+    let imported = folder.import(&[folder.file("a.tlog", &log)], None).unwrap();
+    assert_eq!(times_ms(&imported), (0..50).map(|n| 5000 + 20 * n).collect::<Vec<_>>());
+}
+
 #[test]
 fn segments_of_logs_never_mix() {
     let mut log = Log::new(&[COMBINED, ATTITUDE]);
@@ -162,12 +225,25 @@ fn imu(t_ms: u32, rate: f64, force: f64) -> Vec<u8> {
 /// Name of a topic and its messages by number.
 type TopicMessages<'a> = (&'a str, &'a dyn Fn(u32) -> Vec<u8>);
 
-/// Writes an MCAP file with one message of each topic every 20 ms.
+/// Returns a `sensor_msgs/msg/MagneticField` in CDR.
+fn magnetic_field(t_ms: u32, field: [f64; 3]) -> Vec<u8> {
+    let mut message = vec![0, 1, 0, 0];
+    for word in [10 + t_ms / 1000, t_ms % 1000 * 1_000_000, 4, u32::from_le_bytes(*b"imu\0")] {
+        message.extend(word.to_le_bytes());
+    }
+    let numbers = field.into_iter().chain([0.0; 9]);
+    message.extend(numbers.flat_map(f64::to_le_bytes));
+    message
+}
+
+/// Writes an MCAP file with one message of each topic every 20 ms. Topics called `/mag…` hold
+/// fields, others inertial samples.
 fn mcap(folder: &Folder, topics: &[TopicMessages<'_>]) -> std::path::PathBuf {
     let path = folder.path("bag.mcap");
     let mut writer = mcap::Writer::new(std::fs::File::create(&path).unwrap()).unwrap();
-    let schema = writer.add_schema("sensor_msgs/msg/Imu", "ros2msg", b"").unwrap();
     for (name, message) in topics {
+        let schema = if name.starts_with("/mag") { "sensor_msgs/msg/MagneticField" } else { "sensor_msgs/msg/Imu" };
+        let schema = writer.add_schema(schema, "ros2msg", b"").unwrap();
         let channel_id = writer.add_channel(schema, name, "cdr", &Default::default()).unwrap();
         for n in 0..100u32 {
             let log_time = 1_700_000_000_000_000_000 + u64::from(n) * 20_000_000;
@@ -314,6 +390,60 @@ fn units_and_axes_of_bags_are_changed() {
     assert_eq!((row.rate_rad_s[2], row.force_m_s2[2]), (-90f64.to_radians(), -9.80665));
     let error = folder.import(&[path], Some(Mapping::parse(&[NAMES], None, None).unwrap())).unwrap_err();
     assert!(error.to_string().contains("defines its own columns"), "{error}");
+}
+
+/// Returns the remedy `--units UNIT` of the note on the field, if there is one.
+fn field_unit(imported: &crate::common::Imported) -> Option<&'static str> {
+    let units = imported.summary.notes.iter().find_map(|note| match note {
+        Note::ImplausibleField { unit, .. } => Some(*unit),
+        _ => None,
+    });
+    units.map(|unit| unit.expect("a unit"))
+}
+
+#[test]
+fn unit_of_an_implausible_field_is_named() {
+    let folder = Folder::new();
+    for (unit, factor_ut) in [("T", 1e6), ("uT", 1.0), ("nT", 1e-3), ("gauss", 100.0), ("mgauss", 0.1), ("mT", 1e3)] {
+        for [north, down] in [[20.0, -44.0], [24.0, 1.0], [17.0, -60.0]] {
+            let vector = move |n: u32| [0.01 * f64::from(n), north, down].map(|part| part / factor_ut);
+            let moving = |n: u32| imu(20 * n, f64::from(n), 9.8);
+            let field = |n: u32| magnetic_field(20 * n, vector(n));
+            let bag = mcap(&folder, &[("/imu", &moving), ("/mag", &field)]);
+            let rows: String = (0..100)
+                .map(|n| {
+                    let [x, y, z] = vector(n);
+                    format!("{},{n},0,0,0,0,9.8,{x},{y},{z}\n", 20 * n)
+                })
+                .collect();
+            let text = folder.file("field.csv", format!("t_ms,gx,gy,gz,ax,ay,az,mx,my,mz\n{rows}"));
+            for (path, own) in [(bag, "T"), (text, "uT")] {
+                let imported = folder.import(std::slice::from_ref(&path), None).unwrap();
+                assert_eq!(field_unit(&imported), (unit != own).then_some(unit), "{}: {unit}", path.display());
+                let mapping = Mapping::parse::<&str>(&[], Some(unit), None).unwrap();
+                let imported = folder.import(&[path], Some(mapping)).unwrap();
+                assert_eq!(field_unit(&imported), None, "{unit}");
+                let field = imported.rows[0].field_ut.unwrap();
+                assert!((field.iter().map(|part| part * part).sum::<f64>().sqrt() - north.hypot(down)).abs() < 1e-9);
+            }
+        }
+    }
+}
+
+#[test]
+fn constant_field_is_reported() {
+    let folder = Folder::new();
+    let text = |rows: u32, field: &dyn Fn(u32) -> f64| {
+        let rows: String = (0..rows).map(|n| format!("{},{n},0,0,0,0,9.8,{},20,-44\n", 20 * n, field(n))).collect();
+        folder.file("field.csv", format!("t_ms,gx,gy,gz,ax,ay,az,mx,my,mz\n{rows}"))
+    };
+    let is_reported = |path| {
+        let notes = folder.import(&[path], None).unwrap().summary.notes;
+        notes.iter().any(|note| matches!(note, Note::ConstantField { .. }))
+    };
+    assert!(is_reported(text(500, &|_| 1.0)));
+    assert!(!is_reported(text(500, &|n| if n == 499 { 1.1 } else { 1.0 })));
+    assert!(!is_reported(text(499, &|_| 1.0)), "too few to tell");
 }
 
 #[test]

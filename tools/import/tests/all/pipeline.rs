@@ -14,7 +14,7 @@ use crate::common::{Folder, log};
 /// Maximum interval between two rows, s. Across a longer interval, the rate is not integrated.
 const MAX_GAP_S: f64 = 0.1;
 
-#[test]
+#[recorded::test]
 fn default_stages_match_inclination_of_px4() {
     // The compass of the second log was not yet calibrated, so its heading limit is wider.
     for (name, rmse_deg, heading_deg) in [("px4_sample.ulg", 0.3, 1.5), ("px4_small.ulg", 0.2, 15.0)] {

@@ -71,7 +71,7 @@ fn assert_equal(imported: &Imported, topics: &HashMap<String, Vec<(i64, Vec<f64>
     (same_time, found.len(), fixes.len())
 }
 
-#[test]
+#[recorded::test]
 fn real_logs_match_pyulog() {
     for (name, rows, expected) in
         [("px4_sample.ulg", 17_070, (6_459, 6_551, 0)), ("px4_small.ulg", 1_298, (1_298, 319, 32))]

@@ -127,7 +127,7 @@ fn coarse_stamps_do_not_stretch_time() {
     assert!(coarse_deg < exact_deg + 4.0);
 }
 
-#[test]
+#[recorded::test]
 fn open_recordings_have_the_errors_of_bare_stages() {
     let here = Path::new(env!("CARGO_MANIFEST_DIR"));
     let folder = std::env::var_os("PLUMBLINE_DATA").map_or_else(|| here.join("../../../shared/data"), PathBuf::from);

@@ -36,7 +36,7 @@ fn mean(values: &[f64]) -> f64 {
     values.iter().sum::<f64>() / values.len() as f64
 }
 
-#[test]
+#[recorded::test]
 fn wz_heading_on_broad_beats_vqf() {
     let Some(trials) = trials() else { return };
     let (mut wz, mut vqf) = (Vec::new(), Vec::new());
@@ -67,7 +67,7 @@ fn wz_heading_on_broad_beats_vqf() {
     assert!(wz.total <= 1.80 && wz.heading <= 1.65, "{wz}");
 }
 
-#[test]
+#[recorded::test]
 fn wz_heading_with_magnets_stays_within_limits() {
     let Some(trials) = trials() else { return };
     for (kind, limit_deg) in Disturbance::ALL.into_iter().zip([2.0, 1.91, 7.5, 1.37, 1.4]) {
@@ -91,7 +91,7 @@ fn wz_heading_with_magnets_stays_within_limits() {
     }
 }
 
-#[test]
+#[recorded::test]
 fn wz_started_in_motion_beats_vqf() {
     let Some(trials) = trials() else { return };
     for unscored_s in [0.0, 20.0] {
@@ -110,7 +110,7 @@ fn wz_started_in_motion_beats_vqf() {
     }
 }
 
-#[test]
+#[recorded::test]
 fn wz_on_crossed_trials_beats_vqf() {
     let Some(trials) = trials() else { return };
     let (mut wz, mut vqf) = (Vec::new(), Vec::new());
@@ -133,7 +133,7 @@ fn wz_on_crossed_trials_beats_vqf() {
 ///
 /// Each crossed trial has different gyro errors. In crossed trials, the kept scale must therefore
 /// merely not increase the error.
-#[test]
+#[recorded::test]
 fn kept_gyro_scale_reduces_wz_error() {
     let Some(trials) = trials() else { return };
     let places: Vec<_> = trials.iter().filter(|trial| CLEAN.contains(&trial.number())).collect();

@@ -40,7 +40,7 @@ fn assert_honest(name: &str, scores: &SetScores, limits: core::ops::RangeInclusi
     assert_eq!(dishonest, None, "{name}: {scores}");
 }
 
-#[test]
+#[::recorded::test]
 fn default_fuser_on_open_sets() {
     let Some(recordings) = recordings() else { return };
     let scores = scores_of(recordings);

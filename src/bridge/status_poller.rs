@@ -1,0 +1,45 @@
+//! Statuses of the services, requested in a thread.
+//!
+//! - Input: the control socket of the system.
+//! - Output: the newest statuses.
+//! - Time: a supervisor that answers slowly does not delay the attitudes.
+//! - Failure: the error of the request is the result.
+
+use std::{
+    sync::mpsc::{Receiver, sync_channel},
+    thread,
+    time::Duration,
+};
+
+use control::{ControlError, ControlRequest, ServiceStatus, send_request};
+
+/// Pause before each request. Together with the wait for the reader it limits the number of
+/// requests, and the age of a result that is read once per second.
+const REQUEST_PAUSE: Duration = Duration::from_millis(500);
+
+type Statuses = Result<Vec<ServiceStatus>, ControlError>;
+
+/// Requests statuses until it is dropped.
+pub(super) struct StatusPoller(Receiver<Statuses>);
+
+impl StatusPoller {
+    /// Starts the thread. It ends at its first result after the poller was dropped.
+    pub(super) fn start(system: &str) -> Self {
+        // Without a buffer, the thread requests the next result after this one was read.
+        let (results, receiver) = sync_channel(0);
+        let system = system.to_owned();
+        thread::spawn(move || {
+            let mut is_read = true;
+            while is_read {
+                thread::sleep(REQUEST_PAUSE);
+                is_read = results.send(send_request(&system, &ControlRequest::Status)).is_ok();
+            }
+        });
+        Self(receiver)
+    }
+
+    /// Returns the newest result, or `None` if the supervisor has not answered since the last call.
+    pub(super) fn newest(&self) -> Option<Statuses> {
+        self.0.try_recv().ok()
+    }
+}
