@@ -1,9 +1,9 @@
 //! Distribution of snapshots, status and calibration progress to the viewers.
 //!
 //! Input: messages for the page, and the calibration requests of viewers.
-//! Output: for each viewer, the messages after its [`Cursor`]. A new viewer first receives the
+//! Output: for each viewer, the messages after its `Cursor`. A new viewer first receives the
 //! status, the events so far and the snapshots of the last minute, then all snapshots since.
-//! Time: a new viewer receives every snapshot for [`CATCH_UP_TIME`].
+//! Time: a new viewer receives every snapshot for `CATCH_UP_TIME`.
 //! Failure: a viewer that is too slow misses snapshots. Nothing waits for a viewer.
 
 use std::{
