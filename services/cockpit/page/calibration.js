@@ -37,7 +37,7 @@ export class Calibration {
     this.sphere = element("div", "panel sphere");
     parent.append(
       element("div", "actions", element("label", "", "calibration ", this.kind), this.start, this.cancel, this.bar, this.progress),
-      this.message, this.sphere, this.report, element("div", "actions", this.copy, this.apply), this.applied);
+      this.message, this.sphere, this.report, element("div", "actions", this.copy, this.apply, this.applied));
     this.scene = new Scene(this.sphere, 3.7);
     this.sendError = "";
     /** Key of the content shown last. */ this.shownKey = "";
