@@ -26,15 +26,10 @@ use crate::{
     system::SystemArgs,
 };
 pub(crate) use error::ObserveError;
+pub(crate) use observe::{late_topic::LateTopic, system_recording::POLL_INTERVAL};
 
-/// Interval between two polls of a topic. A poll is cheap, and an observer's buffer holds far more
-/// messages than arrive in one interval.
-pub(crate) const POLL_INTERVAL: Duration = Duration::from_millis(5);
 /// Interval between two checks that the system is running.
 const LIVENESS_INTERVAL: Duration = Duration::from_millis(200);
-
-/// Interval between two attempts to open a topic.
-const OPEN_INTERVAL: Duration = Duration::from_millis(200);
 
 /// Callback for a message and, if known, the frame of its attitude. Returns `false` to stop.
 pub(crate) type OnMessage<'a> = dyn FnMut(&Layout, &[u8], Option<Output>) -> bool + 'a;
@@ -42,32 +37,6 @@ pub(crate) type OnMessage<'a> = dyn FnMut(&Layout, &[u8], Option<Output>) -> boo
 /// Attaches an observer to a system.
 pub(crate) fn observer(system: &str, observer_name: &str) -> Result<Observer, BusError> {
     Observer::attach(&SystemName::new(system)?, observer_name)
-}
-
-/// Topic of a system on this machine that may become available later.
-pub(crate) struct LateTopic {
-    topic: Topic,
-    tap: Option<Tap>,
-    tried_at: Option<Instant>,
-}
-
-impl LateTopic {
-    pub(crate) fn new(topic: Topic) -> Self {
-        Self { topic, tap: None, tried_at: None }
-    }
-
-    /// Returns the open topic. Tries to open it if an attempt is due.
-    pub(crate) fn tap(&mut self, observer: &Observer) -> Result<Option<&Tap>, BusError> {
-        if self.tap.is_none() && self.tried_at.is_none_or(|tried_at| tried_at.elapsed() >= OPEN_INTERVAL) {
-            self.tried_at = Some(Instant::now());
-            self.tap = match observer.tap(self.topic) {
-                Ok(tap) => Some(tap),
-                Err(BusError::TopicNotOpen { .. }) => None,
-                Err(error) => return Err(error),
-            };
-        }
-        Ok(self.tap.as_ref())
-    }
 }
 
 /// Source of observed topics.

@@ -1,14 +1,21 @@
 //! Commands of an operator on the page, and their rejection for viewers.
-use std::fs;
+use std::{
+    fs,
+    io::Write as _,
+    path::{Path, PathBuf},
+    process::Stdio,
+};
+
+use rustix::process::Signal;
 
 use super::{
     browser::Page,
     page::{LENIENT_RESTART, address, start_all, with_cockpit_for_browser},
 };
-use crate::common::System;
+use crate::common::{System, plumb, signal};
 
 /// Returns the address of the page with a viewer's token.
-fn viewer_address(system: &System, port: u16) -> String {
+pub(crate) fn viewer_address(system: &System, port: u16) -> String {
     let file = system.path("plumbline").join(&system.name).join("cockpit.viewer.token");
     format!("http://127.0.0.1:{port}/#{}", fs::read_to_string(file).unwrap().trim())
 }
@@ -68,4 +75,106 @@ fn parameters_are_shown_and_set_by_operator_only() {
     viewer.until(&format!("{changed}.every(({{ value }}) => value === 0.05)"));
     running.interrupt();
     running.wait().assert_complete();
+}
+
+/// Returns the files in a folder, sorted by name.
+fn files(folder: &Path) -> Vec<PathBuf> {
+    let mut files: Vec<_> = fs::read_dir(folder).unwrap().map(|entry| entry.unwrap().path()).collect();
+    files.sort();
+    files
+}
+
+#[test]
+fn recording_is_started_and_stopped_by_operator_only() {
+    let (system, port) = with_cockpit_for_browser(LENIENT_RESTART);
+    let folder = system.path("flights");
+    system.append_launch(&format!("\ncockpit.recordings = {folder:?}\ncockpit.recording_max_mib = 4\n"));
+    let running = start_all(&system, &[]);
+    let url = address(&system, port);
+    let Some(mut viewer) = Page::open(&viewer_address(&system, port)) else { return };
+    let text = "document.getElementById('recording').textContent";
+    viewer.until("plumb.state().kind === 'live' && !document.getElementById('record').hidden");
+    viewer.click("#record");
+    viewer.until(&format!("{text}.includes(\"a viewer's token cannot send commands\")"));
+    assert!(!folder.exists(), "nothing is recorded");
+
+    // A recording ends at its size limit.
+    let mut page = Page::open(&url).unwrap();
+    page.until("plumb.state().kind === 'live' && !document.getElementById('record').hidden");
+    page.click("#record");
+    page.until(&format!("{text}.startsWith('recording ')"));
+    page.shot("fly-recording.png");
+    viewer.until(&format!("{text}.startsWith('recording ')"));
+    page.until(&format!("{text}.endsWith(': the size limit was reached')"));
+    // The next one has another file and is stopped by the operator, or else by the end of the
+    // system.
+    for stop in ["#record", ""] {
+        page.until("document.getElementById('record').textContent === 'Record'");
+        page.click("#record");
+        page.until(&format!("{text}.startsWith('recording ')"));
+        if !stop.is_empty() {
+            page.click(stop);
+            page.until(&format!("/: (stopped by an operator|the size limit was reached)$/.test({text})"));
+        }
+    }
+    page.assert_clean();
+    running.interrupt();
+    running.wait().assert_complete();
+    let recorded = files(&folder);
+    assert_eq!(recorded.len(), 3, "{recorded:?}");
+    for file in &recorded {
+        let name = file.file_name().unwrap().to_string_lossy();
+        assert!(name.starts_with(&format!("{}-", system.name)) && name.ends_with(".mcap"), "{name}");
+        let info = plumb(&["info", file.to_str().unwrap()]).output().unwrap();
+        let info = String::from_utf8_lossy(&info.stdout).into_owned();
+        assert!(info.contains("attitude"), "{name}: {info}");
+    }
+}
+
+#[test]
+fn recording_without_folder_is_refused_with_remedy() {
+    let (system, port) = with_cockpit_for_browser("");
+    let running = start_all(&system, &[]);
+    let Some(mut page) = Page::open(&address(&system, port)) else { return };
+    page.until("plumb.state().kind === 'live' && !document.getElementById('record').hidden");
+    page.click("#record");
+    page.until(
+        "document.getElementById('recording').textContent.includes('set `recordings` in the section [cockpit]')",
+    );
+    page.assert_clean();
+    running.interrupt();
+    running.wait().assert_complete();
+}
+
+#[test]
+fn log_is_shown_to_operator_without_token() {
+    let (system, port) = with_cockpit_for_browser(LENIENT_RESTART);
+    let log = system.path("log");
+    let mut command = system.command(&[]);
+    let mut file = fs::File::options().create(true).append(true).open(&log).unwrap();
+    command.stderr(file.try_clone().unwrap());
+    let mut running = command.stdin(Stdio::null()).stdout(Stdio::null()).spawn().unwrap();
+    system.wait_until_running();
+    let url = address(&system, port);
+    let (_, token) = url.split_once('#').unwrap();
+    // Foreign text is shown as text.
+    writeln!(file, "address {url} <b>bold</b> \u{1b}[31mred").unwrap();
+    if let Some(mut viewer) = Page::open(&format!("{}/system", viewer_address(&system, port))) {
+        let shown = "document.querySelector('.log').textContent";
+        viewer.until("plumb.state().kind === 'live'");
+        viewer.click("#show-log");
+        viewer.until("document.getElementById('log-error').textContent.includes('cannot send commands')");
+        assert_eq!(viewer.text(shown), "");
+        let mut page = Page::open(&format!("{url}/system")).unwrap();
+        page.until("plumb.state().kind === 'live'");
+        page.click("#show-log");
+        page.until(&format!("{shown}.includes('<b>bold</b>')"));
+        let lines = page.text(shown);
+        assert!(lines.contains(r"#(token) <b>bold</b> \u{1b}[31mred"), "{lines}");
+        assert!(!lines.contains(token), "{lines}");
+        page.shot("system-log.png");
+        page.assert_clean();
+    }
+    signal(running.id(), Signal::INT);
+    assert!(running.wait().unwrap().success());
 }

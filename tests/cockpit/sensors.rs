@@ -1,5 +1,6 @@
 //! Calibration and mounting check on the page, with a unit that is first level and then nose down.
 use std::{
+    fs,
     io::Write as _,
     process::Stdio,
     sync::{
@@ -12,6 +13,7 @@ use std::{
 
 use super::{
     browser::Page,
+    operator::viewer_address,
     page::{address, with_cockpit_for_browser},
 };
 use crate::common::{Running, wait_for};
@@ -88,6 +90,21 @@ fn calibration_reports_missing_data_and_finds_mounting() {
     let report = page.text("document.getElementById('report').textContent");
     assert!(report.contains("[ingest.mounting]\nquaternion = [1.0000000, "), "{report}");
     page.shot("sensors-found.png");
+
+    // Every viewer sees the result, but only an operator can apply it.
+    let launch_file = system.path("launch.toml");
+    let before = fs::read_to_string(&launch_file).unwrap();
+    let applied = "document.getElementById('applied').textContent";
+    let mut viewer = Page::open(&format!("{}/sensors", viewer_address(&system, port))).unwrap();
+    viewer.until("plumb.drawn()?.calibration?.report");
+    viewer.click("#apply");
+    viewer.until(&format!("{applied}.includes('cannot send commands')"));
+    assert_eq!(fs::read_to_string(&launch_file).unwrap(), before);
+    page.click("#apply");
+    page.until(&format!("{applied}.startsWith('Written to the launch file.')"));
+    let after = fs::read_to_string(&launch_file).unwrap();
+    assert!(after.starts_with(&before) && after.contains("[ingest.mounting]\nquaternion = [1.0000000, "), "{after}");
+    page.shot("sensors-applied.png");
     page.assert_clean();
 
     // A calibration requires the token.

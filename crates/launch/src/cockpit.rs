@@ -30,6 +30,11 @@ keys! {
         /// browsers send, see docs/explanation/security-model.md.
         foxglove_origins: Vec<String> = Vec::new(), Texts::<MAX_ORIGINS>,
             example r#"["https://app.foxglove.dev"]"#;
+        /// Folder for the recordings that an operator starts on the page. Without it, none can be
+        /// started.
+        recordings: Option<PathBuf> = None, Optional(File), example r#""flights""#;
+        /// Size at which such a recording ends.
+        recording_max_mib: u64 = 4096, 1..=1_000_000, unit "MiB";
     }
 }
 

@@ -16,6 +16,7 @@
 //! | [`readings`] | raw sensor readings for a calibration |
 //! | [`topics`] | list and description of topics |
 //! | [`hops`], [`process`], [`top`] | latency and resource usage of each service |
+//! | [`system_recording`], [`late_topic`] | recording of a running system to a file |
 //! | [`doctor`] | diagnosis of the machine and the system |
 #![forbid(unsafe_code)]
 
@@ -24,8 +25,10 @@ pub mod doctor;
 pub mod flow;
 pub mod hops;
 pub mod interval;
+pub mod late_topic;
 pub mod process;
 pub mod readings;
+pub mod system_recording;
 pub mod tables;
 pub mod top;
 pub mod topics;

@@ -1,6 +1,6 @@
 //! Start-up configuration of a service, and values derived from it.
 
-use std::fs;
+use std::{fs, path::PathBuf};
 
 use graph::{Buffer, Entry, Participant, Topic};
 use launch::{GyroSamples, Launch, MAX_TOPIC_MESSAGES, Source};
@@ -26,6 +26,8 @@ pub enum Pace {
 pub struct ServiceConfig {
     /// Launch file.
     pub launch: Launch,
+    /// Absolute path of the launch file; `None` for the built-in one.
+    pub launch_file: Option<PathBuf>,
     /// Sample rate in source time, Hz.
     pub rate_hz: f64,
     /// Speed of the source.
@@ -55,6 +57,7 @@ impl ServiceConfig {
     pub fn standalone(launch: Launch, rate_hz: f64, pace: Pace) -> Self {
         Self {
             launch,
+            launch_file: None,
             rate_hz,
             pace,
             max_ticks: None,

@@ -5,7 +5,6 @@ import { Scene } from "./scene.js";
 
 /** @typedef {import("./data.js").Data} Data */
 /** @typedef {import("./attitude.js").Vec} Vec */
-/** @typedef {(command: { kind: string, what: string }) => string | null} SendCommand Sends a command. Returns the reason if it cannot be sent. */
 
 /** Title and instructions of each calibration, in the recommended order. @type {Record<string, [string, string]>} */
 const KINDS = {
@@ -19,7 +18,7 @@ const KINDS = {
 const FACETS = 3;
 
 export class Calibration {
-  /** @param {HTMLElement} parent @param {Data} data @param {SendCommand} sendCommand */
+  /** @param {HTMLElement} parent @param {Data} data @param {import("./wire.js").SendCommand} sendCommand */
   constructor(parent, data, sendCommand) {
     this.data = data;
     this.sendCommand = sendCommand;
@@ -33,10 +32,12 @@ export class Calibration {
     this.report = element("pre", "");
     this.report.id = "report";
     this.copy = button("copy-report", "Copy", () => void navigator.clipboard.writeText(this.report.textContent ?? ""));
+    this.apply = button("apply", "Apply to the launch file", () => this.applyResult());
+    this.applied = statusLine("applied");
     this.sphere = element("div", "panel sphere");
     parent.append(
       element("div", "actions", element("label", "", "calibration ", this.kind), this.start, this.cancel, this.bar, this.progress),
-      this.message, this.sphere, this.report, this.copy);
+      this.message, this.sphere, this.report, element("div", "actions", this.copy, this.apply, this.applied));
     this.scene = new Scene(this.sphere, 3.7);
     this.sendError = "";
     /** Key of the content shown last. */ this.shownKey = "";
@@ -46,7 +47,17 @@ export class Calibration {
   /** @param {string} kind Calibration to start; empty to cancel. */
   command(kind) {
     this.data.calibrationError = "";
-    this.sendError = this.sendCommand({ kind: "KIND_CALIBRATE", what: kind }) ?? "";
+    this.sendError = this.sendCommand({ kind: "KIND_CALIBRATE", what: kind }, ({ reason }) => { this.data.calibrationError = reason; }) ?? "";
+  }
+
+  /** Writes the result into the launch file of the system. */
+  applyResult() {
+    const show = (/** @type {string} */ error) => {
+      this.applied.className = error ? "c-fault" : "c-field";
+      write(this.applied, error || "Written to the launch file. Restart the system to use it.");
+    };
+    const error = this.sendCommand({ kind: "KIND_APPLY", what: this.data.calibration?.what }, ({ reason }) => show(reason));
+    if (error) show(error);
   }
 
   draw() {
@@ -59,16 +70,17 @@ export class Calibration {
     this.bar.hidden = this.progress.hidden = !calibration;
     this.bar.value = calibration?.share ?? 0;
     this.sphere.hidden = !sectors.length;
-    this.report.hidden = this.copy.hidden = !calibration?.report;
+    this.report.hidden = this.copy.hidden = this.apply.hidden = this.applied.hidden = !calibration?.report;
     const key = JSON.stringify([calibration?.what, calibration?.share, calibration?.found, calibration?.missing, calibration?.report, error, this.kind.value]);
     if (key !== this.shownKey) {
       this.shownKey = key;
       this.message.className = error ? "c-fault" : "";
       write(this.progress, calibration ? `${KINDS[calibration.what]?.[0] ?? calibration.what}: ${Math.floor(100 * calibration.share)} %` : "");
       write(this.report, calibration?.report ?? "");
+      write(this.applied, "");
       this.message.replaceChildren(...(error ? [error]
         : !calibration ? [`${KINDS[this.kind.value][1]} Recommended order: gyro, accelerometer, magnetometer, mounting, clock.`]
-        : calibration.report ? ["Done. Add this to launch.toml and restart the system."]
+        : calibration.report ? ["Done. Apply this to the launch file, or copy it there, and restart the system."]
         : [`Collected: ${calibration.found}.`, ...calibration.missing.map((/** @type {string} */ item) => element("span", "missing", `Still needed: ${item}.`))]));
     }
     if (sectors.length) this.drawSphere(sectors, calibration?.direction);

@@ -6,6 +6,7 @@ import { angleBetween, attitudeOf, product, upOf } from "./attitude.js";
 /** @typedef {import("./wire.js").Message} Message */
 /** @typedef {import("./attitude.js").Quat} Quat */
 /** @typedef {import("./attitude.js").Vec} Vec */
+/** @typedef {Message & { services?: Message[], slots?: Message[], vehicles?: Message[] }} Standing */
 /** Frame of the history, made of one snapshot. `values` holds the minimum and the maximum of each of the `QUANTITIES`, NaN if unknown; `ups` holds the up vectors of `TRAILS`.
  * @typedef {{ t: number, number: number, picture: Message, values: Float64Array, ups: Record<string, Vec | null> }} Frame */
 /** Entry of the event list. `t` and `until` are the start and the end on the source's clock, s, or null if unknown; `reported_s` is the time of the report on the board's clock.
@@ -28,11 +29,6 @@ const NO_TICK = 2 ** 53;
 /** Reason in the reply about a shadow that was cancelled on request. */
 export const CANCELLED_REASON = "cancelled as requested";
 
-const RANGE_NAMES = {
-  QUANTITY_FORCE_M_S2: "force_m_s2", QUANTITY_FIELD_UT: "field_ut", QUANTITY_RATE_X_RAD_S: "rate_x_rad_s", QUANTITY_RATE_Y_RAD_S: "rate_y_rad_s",
-  QUANTITY_RATE_Z_RAD_S: "rate_z_rad_s", QUANTITY_INNOVATION_RAD: "innovation_rad", QUANTITY_ERROR_RAD: "error_rad", QUANTITY_LATENCY_S: "latency_s",
-};
-
 /** Outputs that are hidden when older than `MAX_OUTPUT_AGE_S`. Sensor values are shown with their age instead. */
 const EXPIRING_TOPICS = ["gyro", "accel", "fused"];
 const MAX_OUTPUT_AGE_S = 0.5;
@@ -41,8 +37,8 @@ const TOPICS = ["imu", "mag", "gnss", "gyro", "accel", "fused", "attitude", "ref
 /** Topics whose up vector is drawn as a trail. */
 export const TRAILS = ["accel", "gyro", "fused"];
 
-/** Quantities with a range within a snapshot. */
-export const RANGES = new Set(Object.values(RANGE_NAMES));
+/** Quantities with a range within a snapshot, as in the schema. */
+export const RANGES = new Set(["force_m_s2", "field_ut", "rate_x_rad_s", "rate_y_rad_s", "rate_z_rad_s", "innovation_rad", "error_rad", "latency_s"]);
 
 /** Quantities that the strips can show. */
 export const QUANTITIES = [
@@ -61,10 +57,10 @@ export function valueIndex(name) {
 export class Data {
   constructor() {
     /** @type {Frame[]} */ this.frames = [];
-    /** @type {Message} */ this.standing = {};
+    /** @type {Standing} */ this.standing = {};
     /** @type {LogEvent[]} */ this.events = [];
     /** Incremented when the event list changes. */ this.revision = 0;
-    /** Reply to the last swap, shadow or cancellation. @type {Message | null} */ this.answer = null;
+    /** Reply to `command`. @type {Message | null} */ this.answer = null;
     /** Reason if a calibration was rejected. */ this.calibrationError = "";
     /** Progress of the calibration. @type {Message | null} */ this.calibration = null;
     /** Newest message of each topic. @type {Message} */ this.newest = {};
@@ -82,7 +78,7 @@ export class Data {
     /** Parameters of the shadow that this page has started, by slot. @type {Record<string, import("./parameters.js").Setting[]>} */ this.shadowSet = {};
     /** State of the connection: "connecting", "open", "closed", "unauthorized", "unavailable". */ this.link = "connecting";
     /** Reason if the vehicle is not available. */ this.unavailableReason = "";
-    /** Id of the last command sent. */ this.requestId = "";
+    /** Last swap, shadow or cancellation. @type {Message | null} */ this.command = null;
     /** When the last attitude was received, ms. */ this.received_ms = -Infinity;
     /** Snapshots of a recording, each with the frame of the same number. @type {Message[]} */ this.recording = [];
     /** Number of the recording's frame shown. */ this.position = 0;
@@ -352,19 +348,17 @@ function valuesOf(picture) {
   };
   const set = (/** @type {string} */ name, /** @type {number} */ value) => setRange(name, value, value);
   for (const { quantity, least, most } of picture.extremes) {
-    const name = RANGE_NAMES[/** @type {keyof typeof RANGE_NAMES} */ (quantity)];
-    if (name) setRange(name, least, most);
+    const name = quantity.replace("QUANTITY_", "").toLowerCase();
+    if (RANGES.has(name)) setRange(name, least, most);
   }
   const { attitude, fused, accel, gyro } = picture;
   if (attitude) {
-    set("yaw_rad", attitude.yaw_rad); set("pitch_rad", attitude.pitch_rad); set("roll_rad", attitude.roll_rad); set("course_rad", attitude.course_rad);
-    set("inclination_sd_rad", attitude.inclination_sd_rad);
+    for (const name of ["yaw_rad", "pitch_rad", "roll_rad", "course_rad", "inclination_sd_rad"]) set(name, attitude[name]);
     if (attitude.course_sd_rad < Math.PI) set("course_sd_rad", attitude.course_sd_rad);
   }
   if (fused?.w) {
     set("u", fused.w.re); set("v", fused.w.im); set("z_rad", fused.z_rad);
-    const bias = fused.bias_rad_s;
-    if (bias) { set("bias_x_rad_s", bias.x); set("bias_y_rad_s", bias.y); set("bias_z_rad_s", bias.z); }
+    for (const axis of "xyz") if (fused.bias_rad_s) set(`bias_${axis}_rad_s`, fused.bias_rad_s[axis]);
   }
   if (gyro?.w) { set("u_gyro", gyro.w.re); set("v_gyro", gyro.w.im); set("z_gyro_rad", gyro.z_rad); }
   if (accel?.w) { set("u_accel", accel.w.re); set("v_accel", accel.w.im); }

@@ -2,8 +2,8 @@
 
 import { DEGREE, angles } from "./attitude.js";
 import { quaternion } from "./data.js";
-import { courseReference, degrees, prepareCanvas } from "./fly.js";
-import { colour, element, write } from "./ui.js";
+import { courseReference, degrees } from "./fly.js";
+import { button, colour, createCanvas, element, prepareCanvas, strokeLine, table, write } from "./ui.js";
 import { signed } from "./strips.js";
 
 /** @typedef {import("./data.js").Data} Data */
@@ -18,10 +18,9 @@ export class Fleet {
   constructor(parent, data, onSelect) {
     this.data = data;
     this.onSelect = onSelect;
-    const head = element("thead", "", element("tr", "", ...COLUMNS.map((name) => element("th", columnClass(name), name))));
     this.rows = element("tbody", "");
     this.note = element("p", "c-quiet");
-    parent.replaceChildren(element("h2", "", "Vehicles"), element("table", "fleet", head, this.rows), this.note);
+    parent.replaceChildren(element("h2", "", "Vehicles"), table("fleet", COLUMNS.map((name) => [name, columnClass(name)]), this.rows), this.note);
     /** Names of the vehicles that have a row, joined. */ this.names = "";
     /** Content shown, for tests. @type {Record<string, any>} */ this.drawn = {};
   }
@@ -29,38 +28,36 @@ export class Fleet {
   draw() {
     const { standing } = this.data;
     const vehicles = standing.vehicles?.length ? standing.vehicles : this.ownVehicle();
-    const names = vehicles.map((/** @type {Message} */ line) => line.vehicle).join(" ");
+    const names = vehicles.map((line) => line.vehicle).join(" ");
     if (names !== this.names) {
       this.names = names;
-      this.rows.replaceChildren(...vehicles.map((/** @type {Message} */ line) => this.createRow(line.vehicle)));
+      this.rows.replaceChildren(...vehicles.map((line) => this.createRow(line.vehicle)));
     }
     write(this.note, standing.vehicles?.length ? "" : "This page shows one system. Run `plumb view --remote --connect ENDPOINT` to show all vehicles on the network.");
     this.drawn = { vehicles: [] };
-    vehicles.forEach((/** @type {Message} */ line, /** @type {number} */ at) => this.fillRow(this.rows.children[at], line));
+    vehicles.forEach((line, at) => this.fillRow(this.rows.children[at], line));
   }
 
   /** Returns the system shown as the only vehicle. @returns {Message[]} */
   ownVehicle() {
     const { standing } = this.data;
     if (!standing.system) return [];
-    const statuses = (standing.services ?? []).map((/** @type {Message} */ service) => service.status);
-    const statusOf = (/** @type {string} */ name) => statuses.find((/** @type {Message} */ status) => status.service === name);
+    const statuses = (standing.services ?? []).map((service) => service.status);
+    const statusOf = (/** @type {string} */ name) => statuses.find((status) => status.service === name);
     const isRecording = this.data.recording.length > 0;
     const age_s = isRecording ? Infinity : (performance.now() - this.data.received_ms) / 1000;
-    const services = statuses.filter((/** @type {Message} */ status) => status.state === "running").map((/** @type {Message} */ status) => status.service);
+    const services = statuses.filter((status) => status.state === "running").map((status) => status.service);
     return [{ vehicle: standing.system, lives: isRecording || standing.state === "STATE_LIVE", age_s: Number.isFinite(age_s) ? age_s : null, attitude: this.data.newest.attitude, lost_messages: 0, lost_ticks: statusOf("course")?.lost ?? null, stage: statusOf("fuser")?.stage ?? "", services }];
   }
 
   /** @param {string} name */
   createRow(name) {
-    const canvas = document.createElement("canvas");
+    const canvas = createCanvas();
     canvas.setAttribute("aria-hidden", "true");
-    const button = element("button", "", name);
-    button.type = "button";
-    button.dataset.vehicle = name;
-    button.disabled = !this.data.standing.vehicles?.length;
-    button.addEventListener("click", () => this.onSelect(name));
-    return element("tr", "", element("td", "", canvas), element("td", "", button), ...COLUMNS.slice(2).map((column) => element("td", columnClass(column), "–")));
+    const chosen = button("", name, () => this.onSelect(name));
+    chosen.dataset.vehicle = name;
+    chosen.disabled = !this.data.standing.vehicles?.length;
+    return element("tr", "", element("td", "", canvas), element("td", "", chosen), ...COLUMNS.slice(2).map((column) => element("td", columnClass(column), "–")));
   }
 
   /** @param {Element} row @param {Message} line */
@@ -103,5 +100,5 @@ function drawGlyph(canvas, angles) {
   context.restore();
   context.strokeStyle = colour("fused");
   context.lineWidth = 2;
-  context.beginPath(); context.moveTo(-0.8 * r, 0); context.lineTo(0.8 * r, 0); context.stroke();
+  strokeLine(context, -0.8 * r, 0, 0.8 * r, 0);
 }

@@ -2,9 +2,9 @@
 
 import { DEGREE, angles, rotate } from "./attitude.js";
 import { attitudeOfPoint, attitudeOfShadow, errorOf, quaternion } from "./data.js";
-import { colour, element, fillTable, tint, write } from "./ui.js";
+import { colour, createCanvas, element, fillTable, legend, prepareCanvas, strokeLine, tint, write } from "./ui.js";
 import { Scene } from "./scene.js";
-import { Strips, signed } from "./strips.js";
+import { Strips, axisLines, line, signed } from "./strips.js";
 
 /** @typedef {import("./data.js").Data} Data */
 /** @typedef {import("./attitude.js").Vec} Vec */
@@ -12,14 +12,12 @@ import { Strips, signed } from "./strips.js";
 
 const AXES = /** @type {[string, Vec][]} */ ([["x", [1, 0, 0]], ["y", [0, 1, 0]], ["z", [0, 0, 1]]]);
 const RING = [...Array(65).keys()].map((i) => /** @type {Vec} */ ([1.5 * Math.cos((i * Math.PI) / 32), 1.5 * Math.sin((i * Math.PI) / 32), 0]));
-/** Body with nose, wings and fin: x right, y forward, z up. @type {Vec[][]} */
-const BODY = [
-  [[0, 1.15, 0], [0.16, 0.35, -0.06], [-0.16, 0.35, -0.06]], [[0, 1.15, 0], [0.16, 0.35, 0.1], [0.16, 0.35, -0.06]], [[0, 1.15, 0], [-0.16, 0.35, -0.06], [-0.16, 0.35, 0.1]],
-  [[0, 1.15, 0], [-0.16, 0.35, 0.1], [0.16, 0.35, 0.1]], [[0.16, 0.35, 0.1], [-0.16, 0.35, 0.1], [0, -0.95, 0.08]], [[0.16, 0.35, -0.06], [0, -0.95, 0.08], [-0.16, 0.35, -0.06]],
-  [[0.16, 0.35, -0.06], [0.16, 0.35, 0.1], [0, -0.95, 0.08]], [[-0.16, 0.35, -0.06], [0, -0.95, 0.08], [-0.16, 0.35, 0.1]],
-  [[0.12, 0.4, 0.02], [1.1, -0.15, 0.02], [0.1, -0.1, 0.02]], [[-0.12, 0.4, 0.02], [-0.1, -0.1, 0.02], [-1.1, -0.15, 0.02]],
-  [[0, -0.6, 0.08], [0, -0.98, 0.42], [0, -0.98, 0.08]], [[0, -0.7, 0.08], [0.38, -0.98, 0.08], [-0.38, -0.98, 0.08]],
-];
+/** Body with nose, wings and fin: x right, y forward, z up. Its left half mirrors the right one. @type {Vec[][]} */
+const BODY = /** @type {Vec[][]} */ ([
+  [[0, 1.15, 0], [0.16, 0.35, 0.1], [0.16, 0.35, -0.06]], [[0, 1.15, 0], [0, 0.35, 0.1], [0.16, 0.35, 0.1]], [[0, 1.15, 0], [0.16, 0.35, -0.06], [0, 0.35, -0.06]],
+  [[0.16, 0.35, 0.1], [0, 0.35, 0.1], [0, -0.95, 0.08]], [[0.16, 0.35, -0.06], [0, -0.95, 0.08], [0, 0.35, -0.06]], [[0.16, 0.35, -0.06], [0.16, 0.35, 0.1], [0, -0.95, 0.08]],
+  [[0.12, 0.4, 0.02], [1.1, -0.15, 0.02], [0.1, -0.1, 0.02]], [[0, -0.6, 0.08], [0, -0.98, 0.42], [0, -0.98, 0.08]], [[0, -0.7, 0.08], [0.38, -0.98, 0.08], [0, -0.98, 0.08]],
+]).flatMap((shape) => [shape, shape.map(([x, y, z]) => /** @type {Vec} */ ([-x, y, z]))]);
 
 export class Fly {
   /** @param {HTMLElement} parent @param {Data} data */
@@ -29,10 +27,8 @@ export class Fly {
     const [scene, side, horizon, rose, strips] = [element("div", "panel"), element("div", "side"), element("div", "panel"), element("div", "panel"), element("div", "panel wide")];
     scene.style.gridArea = "scene";
     strips.style.gridArea = "strips";
-    this.horizon = document.createElement("canvas");
-    this.rose = document.createElement("canvas");
-    this.horizon.setAttribute("aria-label", "Artificial horizon");
-    this.rose.setAttribute("aria-label", "Compass rose");
+    this.horizon = createCanvas("Artificial horizon");
+    this.rose = createCanvas("Compass rose");
     horizon.append(this.horizon);
     rose.append(this.rose);
     this.values = element("tbody", "");
@@ -40,20 +36,15 @@ export class Fly {
     grid.append(scene, side, strips);
     parent.replaceChildren(grid);
     this.scene = new Scene(scene, 4.7, 0.34, 3.2);
-    const legend = element("ul", "legend");
-    this.ghosts = /** @type {[string, string, string][]} */ ([["━", "c-fused", "fused"], ["╌", "c-ink", "reference"], ["─", "c-gyro", "gyro only"], ["┄", "c-shadow", "shadow"]]).map(([mark, className, name]) => {
-      const item = element("li", className, name);
-      item.dataset.mark = mark;
-      legend.append(item);
-      return item;
-    });
+    const [list, ghosts] = legend([["━", "c-fused", "fused"], ["╌", "c-ink", "reference"], ["─", "c-gyro", "gyro only"], ["┄", "c-shadow", "shadow"]]);
+    this.ghosts = ghosts;
     this.note = element("p", "note");
-    scene.append(legend, this.note);
+    scene.append(list, this.note);
     const deg = 1 / DEGREE;
     this.strips = new Strips(strips, data, [
-      { title: "angles", unit: "°", scale: deg, digits: 1, least: -180, most: 180, wraps: true, lines: [{ quantity: "yaw_rad", name: "yaw", colour: "axis-z" }, { quantity: "pitch_rad", name: "pitch", colour: "axis-x" }, { quantity: "roll_rad", name: "roll", colour: "axis-y" }] },
-      { title: "rate", unit: "°/s", scale: deg, digits: 1, lines: [{ quantity: "rate_x_rad_s", name: "x", colour: "axis-x" }, { quantity: "rate_y_rad_s", name: "y", colour: "axis-y" }, { quantity: "rate_z_rad_s", name: "z", colour: "axis-z" }] },
-      { title: "error, sd", unit: "°", scale: deg, digits: 2, least: 0, most: 180, lines: [{ quantity: "error_rad", name: "error", colour: "fault" }, { quantity: "inclination_sd_rad", name: "inclination sd", colour: "fused", dashed: true }, { quantity: "difference_rad", name: "shadow", colour: "shadow" }] },
+      { title: "angles", unit: "°", scale: deg, digits: 1, least: -180, most: 180, wraps: true, lines: [line("yaw_rad", "yaw", "axis-z"), line("pitch_rad", "pitch", "axis-x"), line("roll_rad", "roll", "axis-y")] },
+      { title: "rate", unit: "°/s", scale: deg, digits: 1, lines: axisLines("rate", "rad_s") },
+      { title: "error, sd", unit: "°", scale: deg, digits: 2, least: 0, most: 180, lines: [line("error_rad", "error", "fault"), line("inclination_sd_rad", "inclination sd", "fused", "dashed"), line("difference_rad", "shadow", "shadow")] },
     ]);
     /** Content shown, for tests. @type {Record<string, any>} */ this.drawn = {};
   }
@@ -137,16 +128,14 @@ export class Fly {
       for (let mark = -80; mark <= 80; mark += 10) {
         const half = mark === 0 ? 3 * r : mark % 30 === 0 ? 0.3 * r : 0.16 * r;
         const at = -mark * DEGREE * scale;
-        context.beginPath(); context.moveTo(-half, at); context.lineTo(half, at); context.stroke();
+        strokeLine(context, -half, at, half, at);
         if (mark && mark % 30 === 0) context.fillText(`${mark < 0 ? "−" : ""}${Math.abs(mark)}°`, -half - 5, at);
       }
     }
     context.restore();
     context.strokeStyle = colour("fused");
     context.lineWidth = 3;
-    context.beginPath();
-    context.moveTo(x - 0.5 * r, y); context.lineTo(x - 0.15 * r, y); context.lineTo(x, y + 0.1 * r); context.lineTo(x + 0.15 * r, y); context.lineTo(x + 0.5 * r, y);
-    context.stroke();
+    strokeLine(context, x - 0.5 * r, y, x - 0.15 * r, y, x, y + 0.1 * r, x + 0.15 * r, y, x + 0.5 * r, y);
   }
 
   /** @param {import("./wire.js").Message | undefined} attitude */
@@ -168,7 +157,8 @@ export class Fly {
       const [s, c] = [Math.sin(angle), -Math.cos(angle)];
       const long = mark % 30 === 0;
       context.strokeStyle = context.fillStyle = colour(mark === 0 && !arbitrary ? "fault" : "ink");
-      context.beginPath(); context.moveTo(x + r * s, y + r * c); context.lineTo(x + r * (long ? 0.9 : 0.95) * s, y + r * (long ? 0.9 : 0.95) * c); context.stroke();
+      const inner = r * (long ? 0.9 : 0.95);
+      strokeLine(context, x + r * s, y + r * c, x + inner * s, y + inner * c);
       // A small rose has room for the main directions only.
       if (mark % 90 === 0 || (long && r > 80)) context.fillText(!arbitrary && mark % 90 === 0 ? "NESW"[mark / 90] : String(mark), x + 0.78 * r * s, y + 0.78 * r * c);
     }
@@ -214,17 +204,4 @@ function normal(a, b, c) {
   const n = [p[1] * q[2] - p[2] * q[1], p[2] * q[0] - p[0] * q[2], p[0] * q[1] - p[1] * q[0]];
   const length = Math.hypot(...n) || 1;
   return [n[0] / length, n[1] / length, n[2] / length];
-}
-
-/** Fits a canvas to its element and clears it. Returns its context, width and height. @param {HTMLCanvasElement} canvas @returns {[CanvasRenderingContext2D, number, number] | null} */
-export function prepareCanvas(canvas) {
-  const context = canvas.getContext("2d");
-  const ratio = Math.min(devicePixelRatio, 2);
-  const [width, height] = [canvas.clientWidth, canvas.clientHeight];
-  if (!context || !width || !height) return null;
-  const [wide, high] = [Math.round(width * ratio), Math.round(height * ratio)];
-  if (canvas.width !== wide || canvas.height !== high) { canvas.width = wide; canvas.height = high; }
-  context.setTransform(ratio, 0, 0, ratio, 0, 0);
-  context.clearRect(0, 0, width, height);
-  return [context, width, height];
 }

@@ -44,13 +44,18 @@ let vehicle = new URLSearchParams(location.search).get("vehicle") ?? "";
 let viewName = "";
 let requestCount = 0;
 
-/** Sends a command with the token. Returns the reason if it cannot be sent, otherwise null. @param {Message} command */
-function sendCommand(command) {
+/** Handlers of replies by request id. @type {Map<string, (answer: Message) => void>} */
+const replyHandlers = new Map();
+/** Reason if a recording could not be started or stopped. */
+let recordingError = "";
+
+/** Sends a command with the token. @type {import("./wire.js").SendCommand} */
+function sendCommand(command, onReply) {
   if (!token) return "commands require a token; open the complete address printed by `plumb up` or `plumb view`";
   if (socket?.readyState !== WebSocket.OPEN) return "not connected";
-  requestCount += 1;
-  data.requestId = `page-${requestCount}`;
-  socket.send(wire.encode("PageCommand", { ...command, request_id: data.requestId, token }));
+  const request_id = `page-${++requestCount}`;
+  replyHandlers.set(request_id, onReply);
+  socket.send(wire.encode("PageCommand", { ...command, request_id, token }));
   return null;
 }
 
@@ -62,13 +67,14 @@ function connect() {
   opened.addEventListener("open", () => {
     // A calibration may have ended while disconnected; if not, its progress is sent again.
     data.calibration = null;
+    replyHandlers.clear();
     if (token) opened.send(wire.encode("PageCommand", { kind: "KIND_LOOK", request_id: "look", token }));
   });
   opened.addEventListener("message", ({ data: bytes }) => {
     if (opened !== socket) return;
     data.link = "open";
     data.bytes += bytes.byteLength;
-    const { picture, standing, answer, calibration } = wire.decode("ToPage", new Uint8Array(bytes));
+    const { picture, standing, answer, calibration, log } = wire.decode("ToPage", new Uint8Array(bytes));
     if (picture) data.push(picture, performance.now());
     if (standing) {
       // The server now shows a system instead of the recording.
@@ -79,16 +85,13 @@ function connect() {
       const first = data.standing.pictures !== standing.pictures;
       // Without a selected vehicle the page shows the list.
       if (standing.state === "STATE_UNCHOSEN" && data.standing.state !== standing.state) openView("fleet");
+      if (standing.recording?.active !== data.standing.recording?.active) recordingError = "";
       data.standing = standing;
       if (standing.state === "STATE_RECORDING" && first) load(standing.pictures).catch(() => { data.standing = {}; socket?.close(); });
     }
     if (calibration) data.calibration = calibration.what ? calibration : null;
-    // A reply without a slot belongs to a calibration.
-    if (answer && !answer.slot) data.calibrationError = answer.reason;
-    else if (answer) {
-      data.answer = answer;
-      if (view instanceof System) view.showReply(answer);
-    }
+    const reply = answer ?? log;
+    if (reply) replyHandlers.get(reply.request_id)?.(reply);
   });
   opened.addEventListener("close", ({ code, reason }) => {
     if (opened !== socket) return;
@@ -161,7 +164,6 @@ function openView(name) {
   for (const tab of get("tabs").children) tab.setAttribute("aria-selected", String(tab.id === `tab-${name}`));
   const parent = get("view");
   view = name === "fly" ? new Fly(parent, data) : name === "method" ? new Method(parent, data) : name === "sensors" ? new Sensors(parent, data, sendCommand) : name === "system" ? new System(parent, data, sendCommand) : new Fleet(parent, data, selectVehicle);
-  if (view instanceof System && data.answer) view.showReply(data.answer);
 }
 
 /** @param {number} us */
@@ -181,9 +183,15 @@ function drawBar(now) {
   set("rate", standing.rate_hz ? `${standing.rate_hz.toFixed(0)} Hz` : "–");
   const latency = standing.latency_us;
   set("latency", latency ? `p50 ${duration(latency.p50)}  p99 ${duration(latency.p99)}` : "–");
-  const course = (standing.services ?? []).find((/** @type {Message} */ service) => service.status?.service === "course");
+  const course = (standing.services ?? []).find((service) => service.status?.service === "course");
   set("lost", course ? String(course.status.lost) : "–");
   get("lost-field").className = course && course.status.lost > 0 ? "loud" : "";
+  const { recording } = standing;
+  get("record").hidden = !standing.takes_commands;
+  set("record", recording?.active ? "Stop recording" : "Record");
+  const size = recording ? `${recording.file}, ${(recording.bytes * 1e-6).toFixed(1)} MB, ${recording.seconds.toFixed(0)} s` : "";
+  set("recording", recordingError || (!recording ? "" : recording.active ? `recording ${size}` : `recorded ${size}: ${recording.result}`));
+  get("recording").className = recordingError ? "loud" : "";
   const flags = data.activeFaults();
   get("flags").hidden = !flags.length;
   set("flags", flags.join(", "));
@@ -195,6 +203,11 @@ function drawBar(now) {
   set("pause", data.paused ? (data.recording.length ? "Play" : "Resume") : "Pause");
   set("play", data.paused ? "Play" : "Pause");
   if (data.recording.length && frame) set("position-time", `${(frame.t - standing.t_first_ns * 1e-9).toFixed(2)} of ${((standing.t_last_ns - standing.t_first_ns) * 1e-9).toFixed(2)} s`);
+}
+
+function toggleRecording() {
+  const what = data.standing.recording?.active ? "stop" : "start";
+  recordingError = sendCommand({ kind: "KIND_RECORD", what }, ({ reason }) => { recordingError = reason; }) ?? "";
 }
 
 function togglePause() {
@@ -210,6 +223,8 @@ function goTo(t) {
   if (!data.recording.length) { data.cursor = t; return; }
   seek(data.indexAt(t));
 }
+
+const showKeys = () => /** @type {HTMLDialogElement} */ (get("keys")).showModal();
 
 /** Rotation of the scene per key press: azimuth and elevation, rad. @type {Record<string, [number, number]>} */
 const ROTATION_KEYS = { Home: [-0.1, 0], End: [0.1, 0], PageUp: [0, 0.1], PageDown: [0, -0.1] };
@@ -236,7 +251,7 @@ function onKey(event) {
   else if (event.key === "q") void timeline.copyQuaternion();
   else if (event.key === "[" || event.key === "]") timeline.step(event.key === "[" ? -1 : 1);
   else if (event.key === "t") setTheme();
-  else if (event.key === "?") /** @type {HTMLDialogElement} */ (get("keys")).showModal();
+  else if (event.key === "?") showKeys();
   else if (event.key === "s") { selectView("system"); get("slot").focus(); }
   else return;
   event.preventDefault();
@@ -277,8 +292,9 @@ async function start() {
   }
   get("pause").addEventListener("click", togglePause);
   get("play").addEventListener("click", togglePause);
+  get("record").addEventListener("click", toggleRecording);
   get("theme").addEventListener("click", () => setTheme());
-  get("help").addEventListener("click", () => /** @type {HTMLDialogElement} */ (get("keys")).showModal());
+  get("help").addEventListener("click", showKeys);
   input("position").addEventListener("input", () => seek(Number(input("position").value)));
   document.addEventListener("keydown", onKey);
   const schema = await (await fetch("/schema.json")).json();

@@ -2,10 +2,9 @@
 
 import { DEGREE, pointOf, up } from "./attitude.js";
 import { TRAILS, quaternion } from "./data.js";
-import { prepareCanvas } from "./fly.js";
-import { colour, element, tint, write } from "./ui.js";
+import { colour, createCanvas, element, legend, prepareCanvas, strokeLine, tint, write } from "./ui.js";
 import { Scene } from "./scene.js";
-import { Strips, signed } from "./strips.js";
+import { Strips, axisLines, line, signed } from "./strips.js";
 
 /** @typedef {import("./data.js").Data} Data */
 /** @typedef {import("./attitude.js").Vec} Vec */
@@ -24,23 +23,21 @@ export class Method {
     this.data = data;
     const grid = element("div", "grid method");
     const [sphere, plane, strips] = [element("div", "panel"), element("div", "panel"), element("div", "panel wide")];
-    this.plane = document.createElement("canvas");
-    this.plane.setAttribute("aria-label", "Plane of w");
+    this.plane = createCanvas("Plane of w");
     plane.append(this.plane);
     grid.append(sphere, plane, strips);
     parent.replaceChildren(grid);
     this.scene = new Scene(sphere, 3.7);
     this.note = element("p", "note");
-    for (const panel of [sphere, plane]) panel.append(legend());
+    for (const panel of [sphere, plane]) panel.append(legend([["●", "c-fused", "fused"], ["○", "c-gyro", "gyro only"], ["∴", "c-accel", "accelerometer"], ["◌", "c-ink", "reference"]])[0]);
     sphere.append(this.note);
     const deg = 1 / DEGREE;
     this.strips = new Strips(strips, data, [
-      { title: "u", unit: "–", scale: 1, digits: 3, lines: [{ quantity: "u_accel", name: "accelerometer", colour: "accel", dots: true }, { quantity: "u_gyro", name: "gyro", colour: "gyro" }, { quantity: "u", name: "fused", colour: "fused" }] },
-      { title: "v", unit: "–", scale: 1, digits: 3, lines: [{ quantity: "v_accel", name: "accelerometer", colour: "accel", dots: true }, { quantity: "v_gyro", name: "gyro", colour: "gyro" }, { quantity: "v", name: "fused", colour: "fused" }] },
-      { title: "z", unit: "°", scale: deg, digits: 1, wraps: true, lines: [{ quantity: "z_gyro_rad", name: "gyro", colour: "gyro" }, { quantity: "z_rad", name: "fused", colour: "fused" }] },
-      { title: "innovation", unit: "°", scale: deg, digits: 2, least: 0, most: 180, lines: [{ quantity: "innovation_rad", name: "accelerometer − fused", colour: "accel" }] },
-      { title: "std. dev.", unit: "°", scale: deg, digits: 2, least: 0, most: 180, lines: [{ quantity: "inclination_sd_rad", name: "inclination", colour: "fused" }, { quantity: "course_sd_rad", name: "course", colour: "axis-z", dashed: true }] },
-      { title: "gyro bias", unit: "°/s", scale: deg, digits: 3, lines: [{ quantity: "bias_x_rad_s", name: "x", colour: "axis-x" }, { quantity: "bias_y_rad_s", name: "y", colour: "axis-y" }, { quantity: "bias_z_rad_s", name: "z", colour: "axis-z" }] },
+      ...["u", "v"].map((part) => ({ title: part, unit: "–", scale: 1, digits: 3, lines: [line(`${part}_accel`, "accelerometer", "accel", "dots"), line(`${part}_gyro`, "gyro", "gyro"), line(part, "fused", "fused")] })),
+      { title: "z", unit: "°", scale: deg, digits: 1, wraps: true, lines: [line("z_gyro_rad", "gyro", "gyro"), line("z_rad", "fused", "fused")] },
+      { title: "innovation", unit: "°", scale: deg, digits: 2, least: 0, most: 180, lines: [line("innovation_rad", "accelerometer − fused", "accel")] },
+      { title: "std. dev.", unit: "°", scale: deg, digits: 2, least: 0, most: 180, lines: [line("inclination_sd_rad", "inclination", "fused"), line("course_sd_rad", "course", "axis-z", "dashed")] },
+      { title: "gyro bias", unit: "°/s", scale: deg, digits: 3, lines: axisLines("bias", "rad_s") },
     ]);
     /** Content shown, for tests. @type {Record<string, any>} */ this.drawn = {};
   }
@@ -112,11 +109,12 @@ export class Method {
     context.fillStyle = colour("quiet");
     for (let mark = -reach; mark <= reach + 1e-9; mark += step) {
       const [x, y] = at([mark, mark]);
-      context.beginPath(); context.moveTo(x, 0); context.lineTo(x, height); context.moveTo(0, y); context.lineTo(width, y); context.stroke();
+      strokeLine(context, x, 0, x, height); strokeLine(context, 0, y, width, y);
       if (Math.abs(mark) > 1e-9) { context.fillText(mark.toFixed(2), x + 2, height / 2 - 3); if (y > 36) context.fillText(mark.toFixed(2), width / 2 + 4, y - 3); }
     }
     context.strokeStyle = colour("quiet");
-    context.beginPath(); context.moveTo(0, height / 2); context.lineTo(width, height / 2); context.moveTo(width / 2, 0); context.lineTo(width / 2, height); context.stroke();
+    strokeLine(context, 0, height / 2, width, height / 2);
+    strokeLine(context, width / 2, 0, width / 2, height);
     context.fillText("u, right side up", width - 110, height / 2 + 16);
     context.fillText("v, nose up", width / 2 + 6, 16);
     for (const name of TRAILS) {
@@ -148,16 +146,6 @@ export class Method {
     context.fillStyle = colour("ink");
     context.fillText(w ? `w = ${signed(w[0], 4)} ${signed(w[1], 4)} j, ${inverted ? "inverted" : "upright"} chart` : "w = –", 8, height - 8);
   }
-}
-
-function legend() {
-  const list = element("ul", "legend");
-  for (const [mark, className, name] of [["●", "c-fused", "fused"], ["○", "c-gyro", "gyro only"], ["∴", "c-accel", "accelerometer"], ["◌", "c-ink", "reference"]]) {
-    const item = element("li", className, name);
-    item.dataset.mark = mark;
-    list.append(item);
-  }
-  return list;
 }
 
 /** @param {(s: number, c: number) => Vec} at @returns {Vec[]} */

@@ -1,6 +1,6 @@
 // Parameters of a stage: values to change, defaults, ranges and meanings.
 
-import { element, write } from "./ui.js";
+import { element, table, write } from "./ui.js";
 
 /** Name, unit, default, minimum, maximum and meaning. @typedef {[string, string, number, number, number, string]} Parameter */
 /** @typedef {{ name: string, value: number }} Setting */
@@ -11,8 +11,7 @@ export class Parameters {
     this.title = element("h2", "");
     this.note = element("p", "c-quiet");
     this.rows = element("tbody", "");
-    const head = element("tr", "", ...["parameter", "value", "unit", "default", "range"].map((name, at) => element("th", at > 2 ? "number" : "", name)));
-    this.table = element("table", "parameters", element("thead", "", head), this.rows);
+    this.table = table("parameters", [["parameter", ""], ["value", ""], ["unit", ""], ["default", "number"], ["range", "number"]], this.rows);
     parent.append(this.title, this.note, this.table);
     /** Parameters shown, each with its field. @type {{ name: string, standard: number | null, field: HTMLInputElement }[]} */ this.fields = [];
     /** Values of the running stage; null if unknown or another stage is shown. @type {Setting[] | null} */ this.running = null;

@@ -3,38 +3,40 @@
 import { DEGREE } from "./attitude.js";
 import { Calibration } from "./calibration.js";
 import { vector } from "./data.js";
-import { element, fillTable, write } from "./ui.js";
+import { element, fillTable, section, table, write } from "./ui.js";
 import { Mounting } from "./mounting.js";
-import { Strips, signed } from "./strips.js";
+import { Strips, axisLines, line, signed } from "./strips.js";
 
 /** @typedef {import("./data.js").Data} Data */
 
 /** Age above which values are greyed out, s; fixes arrive about once a second. */
 const MAX_AGE_S = 0.5, MAX_FIX_AGE_S = 2.5;
 
+/** @type {[string, string][]} */
+const COLUMNS = [["sensor", ""], ["x", "number"], ["y", "number"], ["z", "number"], ["magnitude", "number"], ["age", "number"], ["expected", ""]];
+
 export class Sensors {
-  /** @param {HTMLElement} parent @param {Data} data @param {import("./calibration.js").SendCommand} sendCommand */
+  /** @param {HTMLElement} parent @param {Data} data @param {import("./wire.js").SendCommand} sendCommand */
   constructor(parent, data, sendCommand) {
     this.data = data;
     this.values = element("tbody", "");
     this.flags = element("p", "");
     this.warnings = element("div", "");
     const strips = element("div", "panel tall");
-    const [calibration, mounting] = [element("section", "", element("h2", "", "Calibration")), element("section", "", element("h2", "", "Mounting check"))];
-    const head = element("thead", "", element("tr", "", ...["sensor", "x", "y", "z", "magnitude", "age", "expected"].map((name) => element("th", name === "sensor" || name === "expected" ? "" : "number", name))));
+    const [calibration, mounting] = [section("Calibration"), section("Mounting check")];
     parent.replaceChildren(
       element("div", "columns",
-        element("section", "", element("h2", "", "Latest samples, body axes: right, forward, up"), element("table", "", head, this.values), element("h3", "", "Flags of the latest sample"), this.flags),
-        element("section", "", element("h2", "", "Input checks"), this.warnings)),
+        section("Latest samples, body axes: right, forward, up", table("", COLUMNS, this.values), element("h3", "", "Flags of the latest sample"), this.flags),
+        section("Input checks", this.warnings)),
       strips,
       element("div", "columns", calibration, mounting));
     this.calibration = new Calibration(calibration, data, sendCommand);
     this.mounting = new Mounting(mounting, data);
     this.scene = this.calibration.scene;
     this.strips = new Strips(strips, data, [
-      { title: "force", unit: "m/s²", scale: 1, digits: 2, least: 0, lines: [{ quantity: "force_m_s2", name: "magnitude", colour: "accel" }] },
-      { title: "field", unit: "µT", scale: 1, digits: 1, least: 0, lines: [{ quantity: "field_ut", name: "magnitude", colour: "field" }] },
-      { title: "rate", unit: "°/s", scale: 1 / DEGREE, digits: 1, lines: [{ quantity: "rate_x_rad_s", name: "x", colour: "axis-x" }, { quantity: "rate_y_rad_s", name: "y", colour: "axis-y" }, { quantity: "rate_z_rad_s", name: "z", colour: "axis-z" }] },
+      { title: "force", unit: "m/s²", scale: 1, digits: 2, least: 0, lines: [line("force_m_s2", "magnitude", "accel")] },
+      { title: "field", unit: "µT", scale: 1, digits: 1, least: 0, lines: [line("field_ut", "magnitude", "field")] },
+      { title: "rate", unit: "°/s", scale: 1 / DEGREE, digits: 1, lines: axisLines("rate", "rad_s") },
     ]);
     /** Content shown, for tests. @type {Record<string, any>} */ this.drawn = {};
   }
@@ -54,7 +56,7 @@ export class Sensors {
       row("specific force, m/s²", force, 1, 3, ages_s[1], "9.81 upwards at rest"),
       row("magnetic field, µT", field, 1, 1, ages_s[2], "25 to 65"),
       row("velocity, m/s (east, north, up)", velocity, 1, 2, ages_s[3], "vehicle speed"),
-    ], ["", "number", "number", "number", "number", "number", "c-quiet"]);
+    ], [...COLUMNS.slice(0, -1).map(([, className]) => className), "c-quiet"]);
     ages_s.forEach((age_s, at) => this.values.children[at].classList.toggle("old", age_s > (at === 3 ? MAX_FIX_AGE_S : MAX_AGE_S)));
     const flags = picture.imu ? this.data.flags.filter((_, bit) => Math.floor(picture.imu.header.flags / 2 ** bit) % 2 === 1).map(([name]) => name) : [];
     write(this.flags, flags.length ? flags.join(", ") : "none");

@@ -1,12 +1,18 @@
 // Strip charts of quantities over time, one below the other, with a common time axis and cursor.
 
 /** @typedef {import("./data.js").Data} Data */
-/** Line of a strip: its quantity, name, colour and style. @typedef {{ quantity: string, name: string, colour: string, dashed?: boolean, dots?: boolean }} Line */
+/** Line of a strip: its quantity, name, colour and style. @typedef {{ quantity: string, name: string, colour: string, style?: "dashed" | "dots" }} Line */
 /** Strip of lines. `scale` converts a quantity to `unit`. `least` and `most` are the limits of the quantity, in `unit`. With `wraps`, ±180° are equal.
  * @typedef {{ title: string, unit: string, scale: number, digits: number, least?: number, most?: number, wraps?: boolean, lines: Line[] }} Strip */
 
 import { valueIndex } from "./data.js";
-import { colour, element, write } from "./ui.js";
+import { colour, createCanvas, element, prepareCanvas, strokeCursor, write } from "./ui.js";
+
+/** Returns a line of a strip. @param {string} quantity @param {string} name @param {string} colour @param {"dashed" | "dots"} [style] @returns {Line} */
+export const line = (quantity, name, colour, style) => ({ quantity, name, colour, style });
+
+/** Returns the lines of the components of a vector. @param {string} quantity @param {string} unit */
+export const axisLines = (quantity, unit) => ["x", "y", "z"].map((axis) => line(`${quantity}_${axis}_${unit}`, axis, `axis-${axis}`));
 
 /** Horizontal movement from which a press selects a time span, px. */
 const MIN_BRUSH_PX = 6;
@@ -18,9 +24,8 @@ export class Strips {
   constructor(panel, data, strips) {
     this.data = data;
     this.strips = strips;
-    this.canvas = document.createElement("canvas");
+    this.canvas = createCanvas(`Strip charts of ${strips.map((strip) => strip.title).join(", ")}; click to set the cursor, drag to zoom to a time span, use the wheel to zoom, double-click to show all`);
     this.canvas.tabIndex = 0;
-    this.canvas.setAttribute("aria-label", `Strip charts of ${strips.map((strip) => strip.title).join(", ")}; click to set the cursor, drag to zoom to a time span, use the wheel to zoom, double-click to show all`);
     panel.classList.add("strips");
     panel.append(this.canvas);
     panel.style.setProperty("--strips", String(strips.length));
@@ -74,17 +79,10 @@ export class Strips {
   }
 
   draw() {
-    const { canvas, data } = this;
-    const context = canvas.getContext("2d");
-    const ratio = Math.min(devicePixelRatio, 2);
-    const [width, height] = [canvas.clientWidth, canvas.clientHeight];
-    if (!context || !width || !height) return;
-    if (canvas.width !== Math.round(width * ratio) || canvas.height !== Math.round(height * ratio)) {
-      canvas.width = Math.round(width * ratio);
-      canvas.height = Math.round(height * ratio);
-    }
-    context.setTransform(ratio, 0, 0, ratio, 0, 0);
-    context.clearRect(0, 0, width, height);
+    const { data } = this;
+    const prepared = prepareCanvas(this.canvas);
+    if (!prepared) return;
+    const [context, width, height] = prepared;
     context.font = "13px system-ui, sans-serif";
     [this.from] = data.window();
     const inner = width - LEFT - RIGHT;
@@ -100,12 +98,7 @@ export class Strips {
     context.textAlign = "center";
     const digits = digitsOf(step);
     times.forEach((t, at) => context.fillText(`${t.toFixed(digits)} s`, Math.max(LEFT + 16, Math.min(columns[at], width - 30)), height - 5));
-    if (data.cursor !== null) {
-      context.strokeStyle = colour("ink");
-      context.setLineDash([2, 3]);
-      context.beginPath(); context.moveTo(x(data.cursor), 0); context.lineTo(x(data.cursor), height - FOOT); context.stroke();
-      context.setLineDash([]);
-    }
+    if (data.cursor !== null) strokeCursor(context, x(data.cursor), height - FOOT);
     if (this.brush && Math.abs(this.brush[1] - this.brush[0]) >= MIN_BRUSH_PX) {
       const [start, end] = this.brush.map((at) => Math.max(LEFT, Math.min(width - RIGHT, at)));
       context.fillStyle = colour("fused");
@@ -168,15 +161,15 @@ export class Strips {
     const half_turn = strip.wraps ? Math.PI : Infinity;
     lines.forEach((line, index) => {
       context.strokeStyle = context.fillStyle = colour(line.colour);
-      context.lineWidth = line.dashed ? 1 : 1.6;
-      context.setLineDash(line.dashed ? [5, 3] : []);
+      context.lineWidth = line.style === "dashed" ? 1 : 1.6;
+      context.setLineDash(line.style === "dashed" ? [5, 3] : []);
       context.beginPath();
       const bins = binned[index];
       /** Previous value that is connected to the next one. */ let previous = NaN;
       for (let x = 0; 2 * x < bins.length; x++) {
         const [low, high] = [bins[2 * x], bins[2 * x + 1]];
         if (Number.isNaN(low)) { previous = NaN; continue; }
-        if (line.dots) { if (x % 3 === 0) context.rect(LEFT + x - 1, y(low) - 1, 2, 2); continue; }
+        if (line.style === "dots") { if (x % 3 === 0) context.rect(LEFT + x - 1, y(low) - 1, 2, 2); continue; }
         if (high - low > half_turn) {
           // The angle has passed ±180° within the pixel.
           for (const value of [low, high]) { context.moveTo(LEFT + x, y(value)); context.lineTo(LEFT + x + 1, y(value)); }
@@ -192,7 +185,7 @@ export class Strips {
         if (high > low) context.lineTo(LEFT + x, y(high));
         previous = low;
       }
-      if (line.dots) context.fill(); else context.stroke();
+      if (line.style === "dots") context.fill(); else context.stroke();
     });
     context.setLineDash([]);
     context.lineWidth = 1;

@@ -3,12 +3,11 @@
 import { DEGREE } from "./attitude.js";
 import { CANCELLED_REASON } from "./data.js";
 import { Parameters } from "./parameters.js";
-import { button, element, fillTable, select, setOptions, statusLine, write } from "./ui.js";
-import { Strips } from "./strips.js";
+import { button, element, fillTable, section, select, setOptions, statusLine, table, write } from "./ui.js";
+import { Strips, line } from "./strips.js";
 
 /** @typedef {import("./data.js").Data} Data */
 /** @typedef {import("./wire.js").Message} Message */
-/** @typedef {(command: { kind: string, slot: string, stage: string, expected_epoch: number, set: import("./parameters.js").Setting[] }) => string | null} SendCommand Sends a command. Returns the reason if it cannot be sent. */
 
 /** Time for which a restarted service stays marked, ms. */
 const RESTART_MARK_MS = 3000;
@@ -21,7 +20,7 @@ const COLUMNS = [
 ];
 
 export class System {
-  /** @param {HTMLElement} parent @param {Data} data @param {SendCommand} sendCommand */
+  /** @param {HTMLElement} parent @param {Data} data @param {import("./wire.js").SendCommand} sendCommand */
   constructor(parent, data, sendCommand) {
     this.data = data;
     this.sendCommand = sendCommand;
@@ -36,22 +35,28 @@ export class System {
     this.buttons = [["swap", "Swap…", "KIND_SWAP"], ["shadow", "Shadow…", "KIND_SHADOW"], ["promote", "Promote shadow…", "PROMOTE"], ["cancel", "Cancel shadow…", "KIND_CANCEL"]].map(([id, text, kind]) => button(id, text, () => this.command(kind)));
     this.confirm = element("dialog", "");
     this.slot.addEventListener("change", () => this.fillStages());
+    this.logError = statusLine("log-error");
+    this.logError.className = "c-fault";
+    this.log = element("pre", "log");
+    this.log.hidden = true;
     const parameters = element("section", "");
     this.parameters = new Parameters(parameters);
     const label = (/** @type {string} */ text, /** @type {HTMLElement} */ inner) => element("label", "", `${text} `, inner, " ");
     const strips = element("div", "panel short");
-    this.strips = new Strips(strips, data, [{ title: "latency", unit: "ms", scale: 1e3, digits: 3, least: 0, lines: [{ quantity: "latency_s", name: "end to end", colour: "fused" }] }]);
+    this.strips = new Strips(strips, data, [{ title: "latency", unit: "ms", scale: 1e3, digits: 3, least: 0, lines: [line("latency_s", "end to end", "fused")] }]);
     parent.replaceChildren(
       element("h2", "", "Services"),
-      element("div", "scrolls", element("table", "services", element("thead", "", element("tr", "", ...COLUMNS.map(([name, className]) => element("th", className, name)))), this.services)),
+      element("div", "scrolls", table("services", COLUMNS, this.services)),
       this.servicesNote, strips,
       element("div", "columns",
-        element("section", "", element("h2", "", "Stages"), label("slot", this.slot), label("stage", this.stage), element("div", "actions", ...this.buttons), this.outcome, this.difference),
+        section("Stages", label("slot", this.slot), label("stage", this.stage), element("div", "actions", ...this.buttons), this.outcome, this.difference),
         element("section", "events", element("h2", "", "Events"), this.emptyNote, element("table", "", this.events))),
+      section("Log", element("div", "actions", button("show-log", "Show the last lines", () => this.readLog())), this.logError, this.log),
       parameters, this.confirm);
     /** Content shown, for tests. @type {Record<string, any>} */ this.drawn = {};
     /** Slots and stages in the lists, as JSON. */ this.slots = "";
     /** Revision of the events in the table. */ this.shownRevision = -1;
+    /** Reply shown. @type {Message | null} */ this.answer = null;
     /** Whether a command awaits its reply. */ this.isWaiting = false;
     /** Restarts of each service and the time of the last change, ms. @type {Map<string, { restarts: number, changed_ms: number }>} */ this.restarts = new Map();
   }
@@ -72,7 +77,10 @@ export class System {
       this.confirm.close();
       const status = this.statusOf(slot);
       this.showOutcome("", `requested: ${question.replace("?", "")} …`);
-      const error = this.sendCommand({ kind, slot, stage: kind === "KIND_CANCEL" ? "" : stage, expected_epoch: status?.epoch ?? 0, set });
+      const command = { kind, slot, stage: kind === "KIND_CANCEL" ? "" : stage, expected_epoch: status?.epoch ?? 0, set };
+      Object.assign(this.data, { command, answer: null });
+      // The reply to an earlier command is not shown, such as that about a shadow that has been promoted.
+      const error = this.sendCommand(command, (answer) => { if (this.data.command === command) this.data.answer = answer; });
       if (kind === "KIND_SHADOW") this.data.shadowSet[slot] = set;
       // The reply about a shadow is sent at its end.
       this.isWaiting = !error && kind !== "KIND_SHADOW";
@@ -84,6 +92,17 @@ export class System {
     this.confirm.showModal();
   }
 
+  /** Requests the last lines of the log, and shows them or the reason why there are none. */
+  readLog() {
+    const error = this.sendCommand({ kind: "KIND_LOG" }, ({ lines, reason }) => {
+      this.log.hidden = !lines;
+      write(this.log, (lines ?? []).join("\n"));
+      write(this.logError, reason ?? "");
+      this.log.scrollTop = this.log.scrollHeight;
+    });
+    write(this.logError, error ?? "");
+  }
+
   /** @param {string} className @param {string} text */
   showOutcome(className, text) {
     this.outcome.className = className;
@@ -93,8 +112,6 @@ export class System {
   /** Shows the outcome of a command. @param {Message} answer */
   showReply(answer) {
     const { outcome, slot, from, to, commit_tick, lost, duplicated, gap_s, jump_rad, reason } = answer;
-    // Ignores the reply to an earlier command, such as that about a shadow that has been promoted.
-    if (this.data.requestId && answer.request_id !== this.data.requestId) return;
     this.isWaiting = false;
     if (reason === CANCELLED_REASON) {
       this.showOutcome("", `cancelled: the shadow of ${slot}, as requested`);
@@ -108,7 +125,7 @@ export class System {
 
   /** @param {string} slot @returns {Message | undefined} */
   statusOf(slot) {
-    return (this.data.standing.services ?? []).map((/** @type {Message} */ service) => service.status).find((/** @type {Message} */ status) => status?.service === slot && status.state !== "candidate");
+    return (this.data.standing.services ?? []).map((service) => service.status).find((status) => status?.service === slot && status.state !== "candidate");
   }
 
   /** Returns the stage of a slot's shadow, or an empty string. @param {string} slot */
@@ -130,7 +147,7 @@ export class System {
 
   /** @returns {Message | undefined} */
   slotShown() {
-    return (this.data.standing.slots ?? []).find((/** @type {Message} */ one) => one.slot === this.slot.value);
+    return (this.data.standing.slots ?? []).find((one) => one.slot === this.slot.value);
   }
 
   /** Shows the parameters of the selected stage. */
@@ -154,22 +171,26 @@ export class System {
   draw() {
     const { standing, events } = this.data;
     const services = standing.services ?? [];
-    const slots = JSON.stringify((standing.slots ?? []).map((/** @type {Message} */ slot) => [slot, this.statusOf(slot.slot)?.stage]));
+    const slots = JSON.stringify((standing.slots ?? []).map((slot) => [slot, this.statusOf(slot.slot)?.stage]));
     if (slots !== this.slots) {
       this.slots = slots;
       const isFirst = !this.slot.value;
-      setOptions(this.slot, (standing.slots ?? []).map((/** @type {Message} */ { slot }) => [slot, slot]));
+      setOptions(this.slot, (standing.slots ?? []).map(({ slot }) => [slot, slot]));
       if (isFirst) this.slot.value = "fuser";
       this.fillStages();
+    }
+    if (this.answer !== this.data.answer) {
+      this.answer = this.data.answer;
+      if (this.answer) this.showReply(this.answer);
     }
     const runs = this.showParameters();
     this.strips.draw();
     const shadow = this.shadowOf(this.slot.value);
     for (const button of this.buttons) button.disabled = !standing.takes_commands || (this.isWaiting && this.data.link === "open") || (button.id === "promote" && !shadow) || (button.id === "swap" && runs && !this.parameters.isChanged());
     write(this.buttons[0], runs ? "Set parameters…" : "Swap…");
-    this.drawn = { services: services.map((/** @type {Message} */ service) => [service.status?.service, service.status?.state, service.status?.stage, service.status?.restarts]), events: events.length };
+    this.drawn = { services: services.map((service) => [service.status?.service, service.status?.state, service.status?.stage, service.status?.restarts]), events: events.length };
     fillTable(this.services, services.map(serviceCells), COLUMNS.map(([, className]) => className));
-    services.forEach((/** @type {Message} */ { status }, /** @type {number} */ at) => {
+    services.forEach(({ status }, at) => {
       const row = /** @type {HTMLElement} */ (this.services.children[at]), wasRestarted = this.wasJustRestarted(status);
       row.dataset.service = status.service;
       row.classList.toggle("down", wasRestarted || !UP_STATES.includes(status.state));
@@ -181,8 +202,9 @@ export class System {
     if (this.shownRevision !== this.data.revision) {
       this.shownRevision = this.data.revision;
       this.emptyNote.hidden = events.length > 0;
-      fillTable(this.events, [...events].reverse().slice(0, 60).map((event) => [event.t === null || Number.isNaN(event.t) ? "earlier" : this.data.timeText(event.t), event.text]), ["number c-quiet", ""]);
-      [...events].reverse().slice(0, 60).forEach((event, at) => this.events.children[at].classList.toggle("fault", event.fault));
+      const newest = events.slice(-60).reverse();
+      fillTable(this.events, newest.map((event) => [event.t === null || Number.isNaN(event.t) ? "earlier" : this.data.timeText(event.t), event.text]), ["number c-quiet", ""]);
+      newest.forEach((event, at) => this.events.children[at].classList.toggle("fault", event.fault));
     }
   }
 }

@@ -2,8 +2,7 @@
 
 import { FRAMES } from "./attitude.js";
 import { QUANTITIES, RANGES, quaternion, valueIndex } from "./data.js";
-import { prepareCanvas } from "./fly.js";
-import { button, colour, element, select, write } from "./ui.js";
+import { button, colour, createCanvas, element, prepareCanvas, select, strokeCursor, write } from "./ui.js";
 import { LEFT, RIGHT } from "./strips.js";
 
 /** @typedef {import("./data.js").Data} Data */
@@ -17,8 +16,7 @@ export class Timeline {
   /** @param {HTMLElement} parent @param {Data} data */
   constructor(parent, data) {
     this.data = data;
-    this.canvas = document.createElement("canvas");
-    this.canvas.setAttribute("aria-label", "Timeline of events; click to set the cursor, use the wheel to zoom, press [ or ] for the previous or next event");
+    this.canvas = createCanvas("Timeline of events; click to set the cursor, use the wheel to zoom, press [ or ] for the previous or next event");
     this.description = element("output", "");
     this.frame = select("frame", Object.keys(FRAMES).map((name) => [name, name]));
     this.copyStatus = element("span", "c-quiet");
@@ -107,11 +105,7 @@ export class Timeline {
     }
     const at = data.shown()?.t;
     if (at !== undefined && (data.cursor !== null || data.recording.length)) {
-      const x = this.x(at);
-      context.strokeStyle = colour("ink");
-      context.setLineDash([2, 3]);
-      context.beginPath(); context.moveTo(x, 0); context.lineTo(x, height); context.stroke();
-      context.setLineDash([]);
+      strokeCursor(context, this.x(at), height);
     }
     const selected = data.cursor !== null && at !== undefined ? this.nearestEvent(this.x(data.cursor)) : null;
     const event = selected ?? data.events.at(-1);

@@ -78,6 +78,59 @@ export function write(target, text) {
   if (target.textContent !== text) target.textContent = text;
 }
 
+/** Creates a canvas that fills its element. @param {string} [label] */
+export function createCanvas(label) {
+  const created = element("canvas", "");
+  if (label) created.setAttribute("aria-label", label);
+  return created;
+}
+
+/** Fits a canvas to its element and clears it. Returns its context, width and height. @param {HTMLCanvasElement} canvas @returns {[CanvasRenderingContext2D, number, number] | null} */
+export function prepareCanvas(canvas) {
+  const context = canvas.getContext("2d");
+  const ratio = Math.min(devicePixelRatio, 2);
+  const [width, height] = [canvas.clientWidth, canvas.clientHeight];
+  if (!context || !width || !height) return null;
+  const [wide, high] = [Math.round(width * ratio), Math.round(height * ratio)];
+  if (canvas.width !== wide || canvas.height !== high) { canvas.width = wide; canvas.height = high; }
+  context.setTransform(ratio, 0, 0, ratio, 0, 0);
+  context.clearRect(0, 0, width, height);
+  return [context, width, height];
+}
+
+/** Draws a line through points, x and y in turn. @param {CanvasRenderingContext2D} context @param {...number} points */
+export function strokeLine(context, ...points) {
+  context.beginPath();
+  for (let at = 0; at < points.length; at += 2) context.lineTo(points[at], points[at + 1]);
+  context.stroke();
+}
+
+/** Draws the cursor as a dotted line. @param {CanvasRenderingContext2D} context @param {number} x @param {number} height */
+export function strokeCursor(context, x, height) {
+  context.strokeStyle = colour("ink");
+  context.setLineDash([2, 3]);
+  strokeLine(context, x, 0, x, height);
+  context.setLineDash([]);
+}
+
+/** Creates a legend and its entries. @param {[mark: string, className: string, text: string][]} entries @returns {[HTMLUListElement, HTMLLIElement[]]} */
+export function legend(entries) {
+  const items = entries.map(([mark, className, text]) => {
+    const item = element("li", className, text);
+    item.dataset.mark = mark;
+    return item;
+  });
+  return [element("ul", "legend", ...items), items];
+}
+
+/** Creates a table with a header. @param {string} className @param {[name: string, className: string][]} columns @param {HTMLElement} body */
+export function table(className, columns, body) {
+  return element("table", className, element("thead", "", element("tr", "", ...columns.map(([name, kind]) => element("th", kind, name)))), body);
+}
+
+/** Creates a section with a heading. @param {string} title @param {...(string | Node)} children */
+export const section = (title, ...children) => element("section", "", element("h2", "", title), ...children);
+
 /** Fills a table; unchanged cells are not touched. @param {HTMLElement} body @param {string[][]} rows @param {string[]} classNames Class of each column. */
 export function fillTable(body, rows, classNames) {
   while (body.children.length > rows.length) body.lastElementChild?.remove();

@@ -3,6 +3,7 @@
 /** @typedef {[name: string, kind: string, repeated: boolean, presence: boolean]} Rule */
 /** @typedef {{ messages: Record<string, Record<string, Rule>>, enums: Record<string, Record<string, string>> }} Schema */
 /** @typedef {Record<string, any>} Message */
+/** @typedef {(command: Message, onReply: (answer: Message) => void) => string | null} SendCommand Sends a command. Returns the reason if it cannot be sent. */
 
 const VARINT = 0, FIXED64 = 1, BYTES = 2, FIXED32 = 5;
 const TEXT = new TextDecoder();
@@ -20,12 +21,7 @@ export class Wire {
     }));
   }
 
-  /**
-   * Decodes a message. Absent fields have their default: 0, "", the first name of an enum, an empty list, or null.
-   * @param {string} name
-   * @param {Uint8Array} bytes
-   * @returns {Message}
-   */
+  /** Decodes a message. Absent fields have their default: 0, "", the first name of an enum, an empty list, or null. @param {string} name @param {Uint8Array} bytes @returns {Message} */
   decode(name, bytes) {
     const rules = this.rules.get(name);
     if (!rules) throw new Error(`no message ${name} in the schema`);
@@ -56,11 +52,7 @@ export class Wire {
     return message;
   }
 
-  /**
-   * Encodes a message. Fields that are undefined are omitted.
-   * @param {string} name
-   * @param {Message} message
-   */
+  /** Encodes a message. Fields that are undefined are omitted. @param {string} name @param {Message} message */
   encode(name, message) {
     /** @type {number[]} */
     const out = [];
@@ -92,11 +84,7 @@ export class Wire {
     return names ? names[0] : 0;
   }
 
-  /**
-   * @param {string} kind
-   * @param {Reader} reader
-   * @returns {any}
-   */
+  /** @param {string} kind @param {Reader} reader @returns {any} */
   value(kind, reader) {
     switch (kind) {
       case "double": return reader.double();
@@ -176,10 +164,7 @@ class Reader {
   }
 }
 
-/**
- * @param {number} value
- * @param {number[]} out
- */
+/** @param {number} value @param {number[]} out */
 function varint(value, out) {
   while (value >= 128) {
     out.push((value % 128) + 128);

@@ -183,5 +183,9 @@ mod tests {
             assert!(found.is_empty() || found == [&"http://"] && is_namespace, "{path}: {found:?}");
         }
         assert!(total < 160_000, "{total} bytes");
+        let sent = |asset: &Asset| asset.gzip.as_ref().unwrap_or(&asset.plain).len();
+        let compressed: usize = PageFiles::new().0.values().map(sent).sum();
+        println!("{total} bytes without the schema, {compressed} bytes compressed with it");
+        assert!(compressed < 70_000, "{compressed} bytes");
     }
 }

@@ -68,8 +68,9 @@ impl Calibration {
     }
 
     /// Returns a progress report if at least [`REPORT_INTERVAL`] has passed since the last one. A
-    /// report with a non-empty `report` field contains the result.
-    pub(crate) fn progress(&mut self) -> Option<v1::Calibration> {
+    /// report with a non-empty `report` field contains the result, and comes with its sections for
+    /// the launch file.
+    pub(crate) fn progress(&mut self) -> Option<(v1::Calibration, Option<String>)> {
         if self.last_report.is_some_and(|last| last.elapsed() < REPORT_INTERVAL) {
             return None;
         }
@@ -87,10 +88,13 @@ impl Calibration {
         if coverage.share >= 1.0 && self.last_attempt.is_none_or(|attempt| attempt.elapsed() >= SOLVE_INTERVAL) {
             self.last_attempt = Some(Instant::now());
             match self.calibrator.finish() {
-                Ok(report) => progress.report = report.to_string(),
+                Ok(report) => {
+                    progress.report = report.to_string();
+                    return Some((progress, Some(report.block)));
+                }
                 Err(error) => progress.missing = error.missing,
             }
         }
-        Some(progress)
+        Some((progress, None))
     }
 }

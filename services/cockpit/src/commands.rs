@@ -1,4 +1,5 @@
-//! Commands of viewers: swaps and shadows with parameters, their cancellation, and calibrations.
+//! Commands of viewers: swaps and shadows with parameters, their cancellation, calibrations and
+//! their results, recordings and the log.
 //!
 //! Input: commands of the page, each with a token.
 //! Output: one reply per command.
@@ -10,10 +11,11 @@ use std::sync::{Arc, Mutex, PoisonError};
 use control::SwapRequest;
 use launch::StageConfig;
 use tokio::sync::{Semaphore, mpsc::Sender};
-use wire::v1::{PageCommand, SwapAnswer, page_command::Kind, swap_answer};
+use wire::v1::{Log, PageCommand, SwapAnswer, page_command::Kind, swap_answer, to_page::Said};
 
 use crate::{
     hub::Hub,
+    log,
     source::CommandTarget,
     token::{Role, Tokens},
 };
@@ -33,7 +35,7 @@ pub(crate) struct Commands {
 pub(crate) struct CommandSession<'c> {
     commands: Option<&'c Commands>,
     hub: Arc<Hub>,
-    replies: Sender<SwapAnswer>,
+    replies: Sender<Said>,
     /// Slots with a shadow that this viewer started.
     shadows: Arc<Mutex<Vec<String>>>,
 }
@@ -46,7 +48,7 @@ impl Commands {
 }
 
 impl<'c> CommandSession<'c> {
-    pub(crate) fn new(commands: Option<&'c Commands>, hub: Arc<Hub>, replies: Sender<SwapAnswer>) -> Self {
+    pub(crate) fn new(commands: Option<&'c Commands>, hub: Arc<Hub>, replies: Sender<Said>) -> Self {
         Self { commands, hub, replies, shadows: Arc::default() }
     }
 
@@ -73,12 +75,22 @@ impl<'c> CommandSession<'c> {
             return;
         };
         let (target, replies, shadows) = (commands.target.clone(), self.replies.clone(), self.shadows.clone());
-        let hub = self.hub.clone();
+        let (hub, tokens) = (self.hub.clone(), commands.tokens.clone());
         tokio::task::spawn_blocking(move || {
             let _permit = permit;
             let reply = match command.kind() {
-                Kind::Calibrate => calibrate(&*target, command, &hub),
-                _ => Some(execute(&*target, command, &shadows)),
+                Kind::Calibrate => calibrate(&*target, command, &hub).map(Said::Answer),
+                Kind::Log => Some(read_log(&*target, command, &tokens)),
+                Kind::Apply => Some(Said::Answer(reply(command, |command| {
+                    let missing = "there is no result of this calibration any more; repeat it";
+                    target.write_launch_file(&hub.calibration_sections(&command.what).ok_or(missing)?)
+                }))),
+                Kind::Record => Some(Said::Answer(reply(command, |command| match &*command.what {
+                    "start" => target.start_recording(),
+                    "stop" => target.stop_recording(),
+                    other => Err(format!("unknown command {other:?}: expected start or stop")),
+                }))),
+                _ => Some(Said::Answer(execute(&*target, command, &shadows))),
             };
             // Sending fails only if the viewer has disconnected.
             if let Some(reply) = reply {
@@ -88,7 +100,7 @@ impl<'c> CommandSession<'c> {
     }
 
     fn reject(&self, command: PageCommand, reason: &str) {
-        let _ = self.replies.try_send(rejection(command, reason.into()));
+        let _ = self.replies.try_send(Said::Answer(rejection(command, reason.into())));
     }
 }
 
@@ -116,6 +128,28 @@ fn calibrate(target: &dyn CommandTarget, command: PageCommand, hub: &Hub) -> Opt
             None
         }
         Err(reason) => Some(rejection(command, reason)),
+    }
+}
+
+/// Returns the last lines of the log, or the reason why they are not available.
+fn read_log(target: &dyn CommandTarget, command: PageCommand, tokens: &Tokens) -> Said {
+    match target.log() {
+        Ok(lines) => {
+            let lines = lines.iter().map(|line| log::without_tokens(line, tokens)).collect();
+            Said::Log(Log { request_id: command.request_id, lines })
+        }
+        Err(reason) => Said::Answer(rejection(command, reason)),
+    }
+}
+
+/// Executes a command without a slot and returns its reply.
+fn reply(command: PageCommand, execute: impl FnOnce(&PageCommand) -> Result<(), String>) -> SwapAnswer {
+    match execute(&command) {
+        Ok(()) => {
+            let outcome = swap_answer::Outcome::Committed.into();
+            SwapAnswer { request_id: command.request_id, outcome, ..SwapAnswer::default() }
+        }
+        Err(reason) => rejection(command, reason),
     }
 }
 

@@ -1,9 +1,9 @@
 //! Distribution of snapshots, status and calibration progress to the viewers.
 //!
 //! Input: messages for the page, and the calibration requests of viewers.
-//! Output: for each viewer, the messages after its [`Cursor`]. A new viewer first receives the
+//! Output: for each viewer, the messages after its `Cursor`. A new viewer first receives the
 //! status, the events so far and the snapshots of the last minute, then all snapshots since.
-//! Time: a new viewer catches up within [`CATCH_UP_LIMIT`].
+//! Time: a new viewer receives every snapshot for `CATCH_UP_TIME`.
 //! Failure: a viewer that is too slow misses snapshots. Nothing waits for a viewer.
 
 use std::{
@@ -24,9 +24,9 @@ use crate::{calibration::CalibrationRequest, decimator::MAX_EVENTS};
 /// Maximum number of snapshots by which a viewer may be late, a quarter of a second. A viewer that
 /// falls further behind continues with the newest snapshot.
 const MAX_LATE_SNAPSHOTS: usize = 8;
-/// Time within which a new viewer must have received the snapshots of the last minute. The minute
-/// has about 2 MB.
-const CATCH_UP_LIMIT: Duration = Duration::from_secs(30);
+/// Time for which a new viewer receives every snapshot, however late it is. The last minute has
+/// about 2 MB, and a page that starts is busy at first.
+const CATCH_UP_TIME: Duration = Duration::from_secs(10);
 
 /// Time for which snapshots are kept for new viewers. It is the time span of the page's strips.
 const HISTORY: Duration = Duration::from_secs(60);
@@ -53,6 +53,8 @@ struct Backlog {
     /// Number of the newest status.
     status_number: u64,
     calibration: Option<Calibration>,
+    /// Sections of the result of `calibration` for the launch file; `None` without a result.
+    sections: Option<String>,
     /// Number of the newest progress report of a calibration.
     calibration_number: u64,
     events: VecDeque<SystemEvent>,
@@ -89,8 +91,8 @@ pub(crate) struct Cursor {
     calibration: u64,
     /// Number of the next snapshot.
     snapshot: u64,
-    /// Time until which the viewer receives every snapshot; `None` once it has caught up.
-    catches_up_until: Option<Instant>,
+    /// Time until which the viewer receives every snapshot.
+    catches_up_until: Instant,
 }
 
 impl Snapshot {
@@ -177,13 +179,22 @@ impl Hub {
         self.news.send_replace(());
     }
 
-    /// Sends the progress of a calibration to the viewers.
-    pub(crate) fn publish_calibration(&self, calibration: Calibration) {
+    /// Sends the progress of a calibration to the viewers, and keeps the sections of its result for
+    /// the launch file.
+    pub(crate) fn publish_calibration(&self, calibration: Calibration, sections: Option<String>) {
         let mut backlog = self.backlog();
+        backlog.sections = sections;
         backlog.calibration = Some(calibration).filter(|calibration| !calibration.what.is_empty());
         backlog.calibration_number += 1;
         drop(backlog);
         self.news.send_replace(());
+    }
+
+    /// Returns the sections of the result of this calibration for the launch file; `None` if its
+    /// result is not the newest one.
+    pub(crate) fn calibration_sections(&self, what: &str) -> Option<String> {
+        let backlog = self.backlog();
+        backlog.sections.clone().filter(|_| backlog.calibration.as_ref().is_some_and(|newest| newest.what == what))
     }
 
     /// Requests the start of a calibration or, with `None`, the end of the one in progress.
@@ -207,16 +218,17 @@ impl Hub {
 
     /// Returns the position of a new viewer, and a receiver that is notified of new messages.
     pub(crate) fn subscribe(&self) -> (Cursor, Receiver<()>) {
-        let catches_up_until = Some(Instant::now() + CATCH_UP_LIMIT);
+        let catches_up_until = Instant::now() + CATCH_UP_TIME;
         let cursor = Cursor { status: None, has_earlier_events: false, calibration: 0, snapshot: 0, catches_up_until };
         (cursor, self.news.subscribe())
     }
 
     /// Returns the next message for a viewer; `None` if it has received all messages.
     ///
-    /// Of the status and of the calibration, a viewer receives the newest message. A viewer that is
-    /// more than [`MAX_LATE_SNAPSHOTS`] late receives a summary instead of the missed snapshots,
-    /// with the events and their flags, because events and flags are never decimated.
+    /// Of the status and of the calibration, a viewer receives the newest message. After
+    /// [`CATCH_UP_TIME`], a viewer that is more than [`MAX_LATE_SNAPSHOTS`] late receives a summary
+    /// instead of the missed snapshots, with the events and their flags, because events and flags
+    /// are never decimated.
     pub(crate) fn next_message(&self, cursor: &mut Cursor) -> Option<Bytes> {
         let backlog = self.backlog();
         if cursor.status != Some(backlog.status_number) {
@@ -231,9 +243,7 @@ impl Hub {
             return Some(encode(Said::Calibration(backlog.calibration.clone().unwrap_or_default())));
         }
         let late = backlog.history.next.saturating_sub(cursor.snapshot);
-        let is_late = late > MAX_LATE_SNAPSHOTS as u64;
-        cursor.catches_up_until = cursor.catches_up_until.filter(|until| is_late && Instant::now() < *until);
-        if is_late && cursor.catches_up_until.is_none() {
+        if late > MAX_LATE_SNAPSHOTS as u64 && Instant::now() >= cursor.catches_up_until {
             let from = std::mem::replace(&mut cursor.snapshot, backlog.history.next - 1);
             return Some(encode(Said::Picture(backlog.summary(from))));
         }
@@ -271,6 +281,11 @@ mod tests {
     /// Returns the snapshots that a viewer receives until it has received all messages.
     fn receive(hub: &Hub, cursor: &mut Cursor) -> Vec<Picture> {
         std::iter::from_fn(|| hub.next_message(cursor)).filter_map(|message| picture(&message)).collect()
+    }
+
+    /// Returns the position of a viewer that subscribed more than [`CATCH_UP_TIME`] ago.
+    fn earlier_viewer(hub: &Hub) -> Cursor {
+        Cursor { catches_up_until: Instant::now(), ..hub.subscribe().0 }
     }
 
     fn picture(message: &[u8]) -> Option<Picture> {
@@ -317,31 +332,30 @@ mod tests {
                 next += 1;
             }
         }
+        // A page that starts may be too busy to receive the next ones in time.
+        (next..next + 100).for_each(|number| hub.publish_snapshot(with_data(number)));
+        (received, next) = (received.into_iter().chain(receive(&hub, &mut cursor)).collect(), next + 100);
         let numbers: Vec<_> = received.iter().skip(1).map(|picture| picture.number).collect();
-        assert!(next > 900, "{next}");
+        assert!(next > 1000, "{next}");
         assert_eq!(numbers, (0..next).collect::<Vec<_>>());
     }
 
     #[test]
     fn slow_viewer_continues_with_newest_snapshot() {
         let hub = Hub::default();
-        let (mut cursor, _) = hub.subscribe();
+        let mut cursor = earlier_viewer(&hub);
         assert_eq!(receive(&hub, &mut cursor).len(), 1, "the summary of the events");
         (0..1000).for_each(|number| hub.publish_snapshot(with_data(number)));
         let numbers: Vec<_> = receive(&hub, &mut cursor).iter().skip(1).map(|picture| picture.number).collect();
         assert_eq!(numbers, [999]);
         (1000..1008).for_each(|number| hub.publish_snapshot(with_data(number)));
         assert_eq!(receive(&hub, &mut cursor).len(), MAX_LATE_SNAPSHOTS, "a short delay loses nothing");
-        // A new viewer that needs too long for the last minute is treated like the others.
-        let (mut cursor, _) = hub.subscribe();
-        cursor.catches_up_until = Some(Instant::now());
-        assert_eq!(receive(&hub, &mut cursor).len(), 3, "two summaries and the newest snapshot");
     }
 
     #[test]
     fn summary_includes_events_and_flags_of_missed_snapshots() {
         let hub = Hub::default();
-        let (mut cursor, _) = hub.subscribe();
+        let mut cursor = earlier_viewer(&hub);
         hub.publish_snapshot(Picture { flags: 0b1000, ..with_data(0) });
         receive(&hub, &mut cursor);
         let events = vec![SystemEvent { number: 7, ..SystemEvent::default() }];
@@ -370,12 +384,12 @@ mod tests {
         let (mut cursor, _) = hub.subscribe();
         receive(&hub, &mut cursor);
         for report in ["", "bias"] {
-            hub.publish_calibration(Calibration {
-                what: "gyro".into(),
-                report: report.into(),
-                ..Calibration::default()
-            });
+            let sections = Some(report.to_owned()).filter(|report| !report.is_empty());
+            let progress = Calibration { what: "gyro".into(), report: report.into(), ..Calibration::default() };
+            hub.publish_calibration(progress, sections);
         }
+        assert_eq!(hub.calibration_sections("gyro").as_deref(), Some("bias"));
+        assert_eq!(hub.calibration_sections("accel"), None, "the result is another one");
         (0..1000).for_each(|number| hub.publish_snapshot(with_data(number)));
         let received: Vec<_> = std::iter::from_fn(|| hub.next_message(&mut cursor)).collect();
         let reports = received.iter().filter_map(|message| match ToPage::from_bytes(message).unwrap().said {

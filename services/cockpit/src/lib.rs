@@ -13,7 +13,9 @@
 //! | --- | --- |
 //! | [`source`] | interfaces to a system: its messages, its status and its commands |
 //! | [`local_system`] | a system on this machine |
+//! | `log` | log of the running system, for operators |
 //! | [`recording`] | a recording, reduced to snapshots |
+//! | `recorder` | recording of the running system, started by an operator |
 //! | [`decimator`] | reduction of messages to what the page shows |
 //! | [`calibration`] | calibration of the running system's sensors |
 //! | `status` | status of the system, once a second and after each event |
@@ -42,8 +44,10 @@ mod guard;
 pub mod hub;
 mod inflow;
 pub mod local_system;
+mod log;
 mod metrics;
 mod places;
+mod recorder;
 pub mod recording;
 pub mod server;
 mod socket;
@@ -146,7 +150,7 @@ pub fn publish_source<E>(
     should_continue: &mut dyn FnMut(u64) -> Result<bool, E>,
 ) -> Result<(), E> {
     let mut decimator = Decimator::default();
-    let mut monitor = StatusMonitor::new(target, source.has_every_tick());
+    let mut monitor = StatusMonitor::new(target.clone(), source.has_every_tick());
     #[cfg(feature = "foxglove")]
     let mut feed = foxglove::feed::Feed::new(hub.broadcaster.clone());
     let mut last_status = None::<Instant>;
@@ -172,6 +176,8 @@ pub fn publish_source<E>(
         hub.publish_snapshot(decimator.take_snapshot(monotonic_ns()));
         thread::sleep(SNAPSHOT_INTERVAL.saturating_sub(started.elapsed()));
     }
+    // Completes the file of a recording. An error means that nothing is being recorded.
+    let _ = target.stop_recording();
     Ok(())
 }
 
@@ -180,19 +186,19 @@ fn update_calibration(calibration: &mut Option<Calibration>, source: &mut dyn So
     if let Some(request) = hub.take_calibration_request() {
         source.set_readings_topic(request.as_ref().map(|request| request.topic));
         if request.is_none() {
-            hub.publish_calibration(wire::v1::Calibration::default());
+            hub.publish_calibration(wire::v1::Calibration::default(), None);
         }
         *calibration = request.map(Calibration::new);
     }
     let Some(active) = calibration else { return };
     let progress = active.progress();
     let is_aborted = !is_live || active.is_expired();
-    if is_aborted || progress.as_ref().is_some_and(|progress| !progress.report.is_empty()) {
+    if is_aborted || progress.as_ref().is_some_and(|(_, sections)| sections.is_some()) {
         source.set_readings_topic(None);
         *calibration = None;
     }
-    if let Some(progress) = if is_aborted { Some(wire::v1::Calibration::default()) } else { progress } {
-        hub.publish_calibration(progress);
+    if let Some((progress, sections)) = if is_aborted { Some(Default::default()) } else { progress } {
+        hub.publish_calibration(progress, sections);
     }
 }
 

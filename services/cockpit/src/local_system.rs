@@ -13,9 +13,12 @@ use graph::Topic;
 use launch::{Launch, Slot, Source as LaunchSource};
 use observe::readings;
 use runtime::ServiceConfig;
+use wire::v1::Recording;
 
 use crate::{
     calibration::CalibrationRequest,
+    log,
+    recorder::FlightRecorder,
     source::{CommandTarget, SlotDescription, Source, SourceState, SystemDescription},
 };
 
@@ -138,12 +141,13 @@ impl Source for LocalSystem {
 #[derive(Debug)]
 pub struct SupervisorClient {
     system: String,
+    recorder: FlightRecorder,
 }
 
 impl SupervisorClient {
     /// Creates the client for the named system.
     pub fn new(system: &str) -> Self {
-        Self { system: system.into() }
+        Self { system: system.into(), recorder: FlightRecorder::default() }
     }
 
     fn request<A: serde::de::DeserializeOwned>(&self, request: &ControlRequest) -> Result<A, String> {
@@ -183,6 +187,32 @@ impl CommandTarget for SupervisorClient {
 
     fn cancel_shadow(&self, slot: &str) -> Result<(), String> {
         self.request(&ControlRequest::Cancel { slot: slot.into() })
+    }
+
+    fn start_recording(&self) -> Result<(), String> {
+        let config = self.request(&ControlRequest::ServiceConfig)?;
+        self.recorder.start(&config).map_err(|error| error.to_string())
+    }
+
+    fn stop_recording(&self) -> Result<(), String> {
+        self.recorder.stop().map_err(|error| error.to_string())
+    }
+
+    fn recording(&self) -> Option<Recording> {
+        self.recorder.progress()
+    }
+
+    fn log(&self) -> Result<Vec<String>, String> {
+        let config: ServiceConfig = self.request(&ControlRequest::ServiceConfig)?;
+        log::last_lines(config.supervisor_pid).map_err(|error| error.to_string())
+    }
+
+    fn write_launch_file(&self, sections: &str) -> Result<(), String> {
+        let config: ServiceConfig = self.request(&ControlRequest::ServiceConfig)?;
+        let file = config.launch_file.ok_or(
+            "the system runs with the built-in launch file; copy the section to a new launch.toml and start the system with it",
+        )?;
+        launch::write_sections(&file, sections).map_err(|error| error.to_string())
     }
 
     fn calibration_request(&self, kind: Kind) -> Result<CalibrationRequest, String> {

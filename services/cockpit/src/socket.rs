@@ -17,7 +17,7 @@ use tokio::{
 };
 use wire::{
     command::ControlMessage as _,
-    v1::{PageCommand, SwapAnswer, page_command::Kind, to_page::Said},
+    v1::{PageCommand, page_command::Kind, to_page::Said},
 };
 
 use crate::{
@@ -90,13 +90,12 @@ pub(crate) async fn serve(
     place: &Place,
 ) {
     let (mut cursor, mut news) = hub.subscribe();
-    let (reply_tx, mut reply_rx) = mpsc::channel::<SwapAnswer>(MAX_QUEUED_REPLIES);
+    let (reply_tx, mut reply_rx) = mpsc::channel::<Said>(MAX_QUEUED_REPLIES);
     let mut session = CommandSession::new(commands, hub.clone(), reply_tx);
     loop {
         let event = next_event(&mut socket, place.inflow(), &hub, (&mut cursor, &mut news), &mut reply_rx).await;
         let is_open = match event {
             Event::Message(message) => send(&mut socket, message).await,
-            Event::Reply(reply) => send(&mut socket, hub::encode(Said::Answer(reply))).await,
             Event::Ignored => true,
             Event::Command(bytes) => match PageCommand::from_bytes(&bytes) {
                 Ok(command) => {
@@ -120,7 +119,6 @@ pub(crate) async fn serve(
 /// Event on a viewer's connection.
 enum Event {
     Message(Bytes),
-    Reply(SwapAnswer),
     Command(Bytes),
     Ignored,
     Closed,
@@ -131,7 +129,7 @@ async fn next_event(
     inflow: &Inflow,
     hub: &Hub,
     (cursor, news): (&mut Cursor, &mut watch::Receiver<()>),
-    replies: &mut mpsc::Receiver<SwapAnswer>,
+    replies: &mut mpsc::Receiver<Said>,
 ) -> Event {
     use std::{future::poll_fn, pin::pin, task::Poll};
     // Polls all three futures. They are cancel-safe, so dropping them loses nothing.
@@ -139,7 +137,7 @@ async fn next_event(
         (pin!(news.changed()), pin!(replies.recv()), pin!(socket.recv()));
     poll_fn(|context| {
         if let Poll::Ready(Some(reply)) = next_reply.as_mut().poll(context) {
-            return Poll::Ready(Event::Reply(reply));
+            return Poll::Ready(Event::Message(hub::encode(reply)));
         }
         if let Poll::Ready(message) = next_command.as_mut().poll(context) {
             message.iter().flatten().for_each(|message| inflow.record(message));

@@ -6,7 +6,7 @@ use std::collections::BTreeMap;
 use calibrate::Kind;
 use control::{ServiceStatus, SwapReport, SwapRequest};
 use graph::Topic;
-use wire::v1::VehicleLine;
+use wire::v1::{Recording, VehicleLine};
 
 use crate::calibration::CalibrationRequest;
 
@@ -106,6 +106,47 @@ pub trait CommandTarget: Send + Sync {
     ///
     /// Returns the reason if the request fails.
     fn cancel_shadow(&self, slot: &str) -> Result<(), String>;
+
+    /// Starts recording the system to a new file.
+    ///
+    /// # Errors
+    ///
+    /// Returns the reason if the recording cannot be started.
+    fn start_recording(&self) -> Result<(), String> {
+        Err("a recording is started on the vehicle; open the vehicle's own page with `plumb view` on board or through `ssh -L`".into())
+    }
+
+    /// Stops the recording and waits until its file is complete.
+    ///
+    /// # Errors
+    ///
+    /// Returns the reason if there is no recording.
+    fn stop_recording(&self) -> Result<(), String> {
+        Err("nothing is being recorded".into())
+    }
+
+    /// Returns the progress of the recording or the result of the last one; `None` without any.
+    fn recording(&self) -> Option<Recording> {
+        None
+    }
+
+    /// Returns the last lines that the supervisor and the services have written, oldest first.
+    ///
+    /// # Errors
+    ///
+    /// Returns the reason if there is no log.
+    fn log(&self) -> Result<Vec<String>, String> {
+        Err("the log is on the vehicle; run `plumb logs` there".into())
+    }
+
+    /// Writes sections, which are TOML, into the launch file of the system.
+    ///
+    /// # Errors
+    ///
+    /// Returns the reason if the launch file is unknown or cannot be changed.
+    fn write_launch_file(&self, _sections: &str) -> Result<(), String> {
+        Err("the launch file is on the vehicle; copy the section to it and restart the system".into())
+    }
 
     /// Returns the request that starts a calibration of the given kind.
     ///

@@ -21,7 +21,7 @@ use observe::{
     process::{ProcessMonitor, ProcessUsage},
 };
 use runtime::clock::monotonic_ns;
-use wire::v1::{LatencyUs, ServiceStanding, Setting, SlotStages, Standing, VehicleLine, standing::State};
+use wire::v1::{LatencyUs, Recording, ServiceStanding, Setting, SlotStages, Standing, VehicleLine, standing::State};
 
 use crate::source::{CommandTarget, SlotDescription, SourceState, SystemDescription};
 
@@ -40,6 +40,7 @@ const MAX_WARNINGS: usize = 32;
 struct SupervisorReport {
     reply: Option<(SystemDescription, Vec<ServiceStatus>)>,
     vehicles: Vec<VehicleLine>,
+    recording: Option<Recording>,
     /// Number of queries started.
     queries_started: u64,
     /// Number of the query that this result belongs to.
@@ -146,10 +147,10 @@ impl StatusMonitor {
 
     /// Returns the current status. Its measurements cover the time since the previous measurements.
     pub(crate) fn status(&mut self, state: SourceState) -> Standing {
-        let (reply, vehicles) = {
+        let (reply, vehicles, recording) = {
             let report = lock(&self.report);
             self.outdated_query = self.outdated_query.filter(|outdated| report.query <= *outdated);
-            (report.reply.clone(), report.vehicles.clone())
+            (report.reply.clone(), report.vehicles.clone(), report.recording.clone())
         };
         let (description, statuses) = reply.filter(|_| state == SourceState::Live).unwrap_or_default();
         let supervisor = description.supervisor_pid.map(|pid| ServiceStatus {
@@ -206,6 +207,7 @@ impl StatusMonitor {
             takes_commands: self.takes_commands,
             warnings: self.warnings.clone(),
             vehicles,
+            recording,
             ..Standing::default()
         }
     }
@@ -236,10 +238,10 @@ fn poll_supervisor(target: &dyn CommandTarget, weak_report: &Weak<Mutex<Supervis
             report.queries_started
         };
         let reply = target.description().and_then(|description| Ok((description, target.services()?))).ok();
-        let vehicles = target.vehicles();
+        let (vehicles, recording) = (target.vehicles(), target.recording());
         {
             let mut report = lock(&report);
-            (report.reply, report.vehicles, report.query) = (reply, vehicles, query);
+            *report = SupervisorReport { reply, vehicles, recording, query, ..*report };
         }
         drop(report);
         thread::sleep(MIN_QUERY_INTERVAL);

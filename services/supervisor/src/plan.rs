@@ -3,7 +3,7 @@
 use std::{
     fs,
     io::{self, IsTerminal},
-    path::{Path, PathBuf},
+    path::{self, Path, PathBuf},
 };
 
 use launch::{Date, Launch, Service, Slot, Source};
@@ -88,7 +88,7 @@ impl Plan {
     ///
     /// Returns an error if the launch file or the source is invalid, or if options conflict.
     pub fn new(request: &Request) -> Result<Self, UpError> {
-        let mut launch = read_launch(request)?;
+        let (mut launch, launch_file) = read_launch(request)?;
         if let Some(line) = &request.source {
             launch.set_source(line).map_err(launch::LaunchError::from)?;
         }
@@ -146,6 +146,7 @@ impl Plan {
         let requested_ticks = request.duration_s.map(|duration_s| ticks_in(duration_s, rate_hz));
         let max_ticks = requested_ticks.filter(|_| !is_live);
         let config = ServiceConfig {
+            launch_file,
             max_ticks,
             publishes_readings: request.publish_readings,
             supervisor_pid: std::process::id(),
@@ -235,7 +236,8 @@ pub(crate) fn launch_text(path: Option<&Path>) -> io::Result<String> {
     }
 }
 
-fn read_launch(request: &Request) -> Result<Launch, UpError> {
+/// Returns the launch file and its absolute path, `None` for the built-in one.
+fn read_launch(request: &Request) -> Result<(Launch, Option<PathBuf>), UpError> {
     let default = Path::new(LAUNCH_FILE);
     let file = request.launch.as_deref().or_else(|| default.exists().then_some(default));
     let mut launch = match file {
@@ -250,5 +252,6 @@ fn read_launch(request: &Request) -> Result<Launch, UpError> {
             _ => launch.services.retain(|listed| listed != service),
         }
     }
-    Ok(launch)
+    // A relative path cannot be made absolute only if the current folder was removed.
+    Ok((launch, file.and_then(|file| path::absolute(file).ok())))
 }

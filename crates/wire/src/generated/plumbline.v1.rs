@@ -995,7 +995,7 @@ pub mod swap_answer {
 }
 #[derive(Clone, PartialEq, ::prost::Message)]
 pub struct ToPage {
-    #[prost(oneof = "to_page::Said", tags = "1, 2, 3, 4")]
+    #[prost(oneof = "to_page::Said", tags = "1, 2, 3, 4, 5")]
     pub said: ::core::option::Option<to_page::Said>,
 }
 /// Nested message and enum types in `ToPage`.
@@ -1010,7 +1010,16 @@ pub mod to_page {
         Answer(super::SwapAnswer),
         #[prost(message, tag = "4")]
         Calibration(super::Calibration),
+        #[prost(message, tag = "5")]
+        Log(super::Log),
     }
+}
+#[derive(Clone, PartialEq, Eq, Hash, ::prost::Message)]
+pub struct Log {
+    #[prost(string, tag = "1")]
+    pub request_id: ::prost::alloc::string::String,
+    #[prost(string, repeated, tag = "2")]
+    pub lines: ::prost::alloc::vec::Vec<::prost::alloc::string::String>,
 }
 #[derive(Clone, PartialEq, ::prost::Message)]
 pub struct Picture {
@@ -1093,6 +1102,8 @@ pub struct Standing {
     pub pictures: u64,
     #[prost(message, repeated, tag = "15")]
     pub vehicles: ::prost::alloc::vec::Vec<VehicleLine>,
+    #[prost(message, optional, tag = "16")]
+    pub recording: ::core::option::Option<Recording>,
 }
 /// Nested message and enum types in `Standing`.
 pub mod standing {
@@ -1144,6 +1155,19 @@ pub mod standing {
             }
         }
     }
+}
+#[derive(Clone, PartialEq, ::prost::Message)]
+pub struct Recording {
+    #[prost(bool, tag = "1")]
+    pub active: bool,
+    #[prost(string, tag = "2")]
+    pub file: ::prost::alloc::string::String,
+    #[prost(uint64, tag = "3")]
+    pub bytes: u64,
+    #[prost(double, tag = "4")]
+    pub seconds: f64,
+    #[prost(string, tag = "5")]
+    pub result: ::prost::alloc::string::String,
 }
 #[derive(Clone, PartialEq, ::prost::Message)]
 pub struct VehicleLine {
@@ -1261,6 +1285,9 @@ pub mod page_command {
         Cancel = 3,
         Look = 4,
         Calibrate = 5,
+        Record = 6,
+        Log = 7,
+        Apply = 8,
     }
     impl Kind {
         /// String value of the enum field names used in the ProtoBuf definition.
@@ -1275,6 +1302,9 @@ pub mod page_command {
                 Self::Cancel => "KIND_CANCEL",
                 Self::Look => "KIND_LOOK",
                 Self::Calibrate => "KIND_CALIBRATE",
+                Self::Record => "KIND_RECORD",
+                Self::Log => "KIND_LOG",
+                Self::Apply => "KIND_APPLY",
             }
         }
         /// Creates an enum from field names used in the ProtoBuf definition.
@@ -1286,6 +1316,9 @@ pub mod page_command {
                 "KIND_CANCEL" => Some(Self::Cancel),
                 "KIND_LOOK" => Some(Self::Look),
                 "KIND_CALIBRATE" => Some(Self::Calibrate),
+                "KIND_RECORD" => Some(Self::Record),
+                "KIND_LOG" => Some(Self::Log),
+                "KIND_APPLY" => Some(Self::Apply),
                 _ => None,
             }
         }
