@@ -109,7 +109,7 @@ const TABLE: [(Format, &str, Option<&str>); 28] = [
     (
         Format::Receiver,
         "UBX or NMEA of a satellite receiver",
-        Some("it has no rate and force; record receiver and sensor together with `plumb record -o FILE.mcap`"),
+        Some("it has no rate and force; record receiver and sensor together with `plumb record -o flight.mcap`"),
     ),
     (Format::Utf16, "text in UTF-16", Some("convert it with `iconv -f UTF-16 -t UTF-8 FILE -o FILE.csv`")),
     (
