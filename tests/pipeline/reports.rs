@@ -85,7 +85,7 @@ fn piped(system: &System, contents: &[u8], source: &str) -> (u64, Option<i32>, S
     (report["ticks_in"].as_u64().unwrap(), output.status.code(), text(&output.stderr))
 }
 
-#[test]
+#[recorded::test]
 fn text_of_loggers_is_read_as_files() {
     let system = System::new("");
     let map = |time: &str| format!("t={time},{MAP}");
@@ -112,7 +112,7 @@ fn text_of_loggers_is_read_as_files() {
     assert_read(&system, &file, &["--units", "deg/s"], 0.0, "");
 }
 
-#[test]
+#[recorded::test]
 fn text_of_loggers_is_read_from_standard_input() {
     let system = System::new("");
     for (name, time, units, rows) in [
@@ -133,7 +133,7 @@ fn text_of_loggers_is_read_from_standard_input() {
     assert!(stderr.contains("yielded no reading") && stderr.contains("name the columns with map"), "{stderr}");
 }
 
-#[test]
+#[recorded::test]
 fn restart_of_the_clock_separates_segments() {
     let system = System::new("");
     let Some(file) = input("reboot.csv") else { return };
@@ -153,7 +153,7 @@ fn restart_of_the_clock_separates_segments() {
     assert!(text(&output.stderr).contains("no segment 3, expected 1 to 2"), "{}", text(&output.stderr));
 }
 
-#[test]
+#[recorded::test]
 fn references_and_fixes_of_logs_are_used() {
     let Some(file) = input("old_gps_clock.bin") else { return };
     let system = System::new("");
@@ -172,7 +172,7 @@ fn references_and_fixes_of_logs_are_used() {
     assert!((1.5..2.4).contains(&total) && stderr.contains("140 with reference"), "{total} {stderr}");
 }
 
-#[test]
+#[recorded::test]
 fn raw_counts_with_scales_score_like_si_units() {
     let Some(file) = input("counts.csv") else { return };
     let system = System::new("");
@@ -187,7 +187,7 @@ fn raw_counts_with_scales_score_like_si_units() {
     assert!(inclination < 0.1 && !stderr.contains("warning"), "{inclination} {stderr}");
 }
 
-#[test]
+#[recorded::test]
 fn units_of_bags_are_named_and_corrected() {
     let Some(file) = input("field_gauss.mcap") else { return };
     let (_, stderr) = scored(&file, &[]);
@@ -200,7 +200,7 @@ fn units_of_bags_are_named_and_corrected() {
     assert_eq!(scores.pointer("/stages/0/trials/0/ticks").and_then(Value::as_u64), Some(200));
 }
 
-#[test]
+#[recorded::test]
 fn unsupported_formats_are_named_in_the_same_words() {
     let system = System::new("");
     for (name, words) in [
