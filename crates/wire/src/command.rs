@@ -11,7 +11,7 @@ use crate::{
 /// Maximum length of a name, bytes.
 pub const MAX_NAME_BYTES: usize = 64;
 /// Maximum number of parameters in a swap request.
-pub const MAX_PARAMETERS: usize = 32;
+pub const MAX_PARAMETERS: usize = 64;
 /// Maximum number of services or topics in a message.
 const MAX_SERVICES: usize = 64;
 /// Maximum length of a reason, bytes.
