@@ -165,7 +165,7 @@ pub enum ImportError {
         /// Path of the file.
         path: PathBuf,
         /// Error of the names.
-        error: HeaderError,
+        error: Box<HeaderError>,
     },
     /// The mapping is invalid.
     #[error("reading --{}: {}", .0.setting(), .0)]
