@@ -279,7 +279,9 @@ impl ReadableTable {
         let unchanged = Self { path: path.to_owned(), user_path: path.to_owned(), _folder: None };
         let is_plain = match table {
             Table::Fixes => recording::gnss::validate(path).is_ok(),
-            Table::Reference => References::open(path).and_then(|mut table| table.interpolate(i64::MAX)).is_ok(),
+            Table::Reference => {
+                References::open(path).and_then(|mut table| table.attitude_at(i64::MAX, [0.0; 3])).is_ok()
+            }
         };
         let name = path.file_name().unwrap_or_default().to_string_lossy().into_owned();
         if is_plain || !path.is_file() {
@@ -308,7 +310,8 @@ fn count_references(recording: &Path, reference: &Path) -> Result<[u64; 2], Reco
     let mut references = References::open(reference)?;
     let mut counts = [0; 2];
     for row in recording::Reader::open(recording)? {
-        let is_used = references.interpolate(row?.t_ns)?.is_some();
+        let row = row?;
+        let is_used = references.attitude_at(row.t_ns, row.rate_rad_s)?.is_some();
         counts = [counts[0] + u64::from(is_used), counts[1] + 1];
     }
     Ok(counts)

@@ -129,10 +129,26 @@ fn read_recording(file: &Path) -> Result<RecordingInfo, RecordingError> {
         foreign::path(file),
         Format::Recording
     );
+    let notes = missing_values(file)?;
+    let text = notes.iter().fold(text, |text, note| format!("{text}\n  {note}"));
     let format = Format::Recording.to_string();
-    let (segments, sensors, notes) = Default::default();
+    let (segments, sensors) = Default::default();
     let file = file.to_owned();
     Ok(RecordingInfo { file, format, rows, rate_hz, seconds, has_reference, segments, sensors, notes, text })
+}
+
+/// Returns a note for each quantity that rows of a recording lack: a number is not finite.
+fn missing_values(file: &Path) -> Result<Vec<String>, RecordingError> {
+    let (mut rows, mut without_rate, mut without_force) = (0, 0, 0);
+    for row in recording::Reader::open(file)? {
+        let row = row?;
+        let lacks = |vector: [f64; 3]| u64::from(!vector.iter().all(|number| number.is_finite()));
+        rows += 1;
+        without_rate += lacks(row.rate_rad_s);
+        without_force += lacks(row.force_m_s2);
+    }
+    let counts = [("rate", without_rate), ("force", without_force)].into_iter().filter(|(_, count)| *count > 0);
+    Ok(counts.map(|(what, count)| format!("{count} of {rows} samples without {what}")).collect())
 }
 
 /// Imports a foreign log and returns its summary.
@@ -178,5 +194,26 @@ impl From<&Sensor> for SensorInfo {
 impl fmt::Display for RecordingInfo {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.write_str(&self.text)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn samples_without_rate_or_force_are_counted() {
+        let file = tempfile::NamedTempFile::new().unwrap();
+        let rows = "0,0,0,0,0,0,9.8\n0.01,nan,0,0,0,0,9.8\n0.02,nan,nan,nan,0,0,inf\n";
+        std::fs::write(&file, format!("t_s,gx,gy,gz,ax,ay,az\n{rows}")).unwrap();
+        let info = read_recording(file.path()).unwrap();
+        assert_eq!(info.notes, ["2 of 3 samples without rate", "1 of 3 samples without force"]);
+        assert!(
+            info.text.ends_with("\n  2 of 3 samples without rate\n  1 of 3 samples without force"),
+            "{}",
+            info.text
+        );
+        std::fs::write(&file, "t_s,gx,gy,gz,ax,ay,az\n0,0,0,0,0,0,9.8\n0.01,0,0,0,0,0,9.8\n").unwrap();
+        assert_eq!(read_recording(file.path()).unwrap().notes, Vec::<String>::new());
     }
 }

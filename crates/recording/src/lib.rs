@@ -32,6 +32,6 @@ pub use atomic_file::{temporary_path, write_atomic};
 pub use error::{ParseError, Position, RecordingError};
 pub use gzip::GzipReader;
 pub use reader::{Reader, Reference, Row};
-pub use reference::{MAX_GAP_NS, References};
+pub use reference::{MAX_GAP_NS, References, rotated};
 pub use survey::{Survey, survey};
 pub use writer::{Layout, Writer};

@@ -5,7 +5,8 @@
 //! writes them, and optionally `mov`.
 //!
 //! Output: the attitude at a given time, interpolated between two rows along the shortest rotation.
-//! Between slow rows with a large rotation, each attitude is returned once, at its own time.
+//! If the rows are slow and the rotation between them is large, each attitude is used once, at its
+//! own time.
 //!
 //! Time: the recording's clock. Requested times must not decrease.
 //!
@@ -31,6 +32,14 @@ const MAX_SLOW_GAP_NS: i64 = 1_100_000_000;
 /// Cosine of half the largest rotation across which slow rows are interpolated: 5°.
 const MIN_HALF_ROTATION_COS: f64 = 0.999_048_221_581_857_8;
 
+/// Maximum number of rows by which a series is judged.
+const MAX_JUDGED_ROWS: usize = 10_000;
+/// Maximum share of large rotations in a slow series that is interpolated.
+///
+/// If only the calm parts of a motion were interpolated, they would outweigh the others in the
+/// errors.
+const MAX_LARGE_ROTATION_SHARE: f64 = 0.01;
+
 /// Columns of a reference, as field indices from 0.
 struct Columns {
     time: usize,
@@ -44,6 +53,8 @@ type ReferenceRow = (i64, Option<Reference>);
 /// Reader of a reference attitude, to be advanced in step with the rows of a recording.
 pub struct References {
     table: Table<Columns>,
+    /// `true` if slow rows are interpolated.
+    is_calm: bool,
     before: Option<ReferenceRow>,
     after: Option<ReferenceRow>,
     /// Time of the previous request, ns.
@@ -51,26 +62,24 @@ pub struct References {
 }
 
 impl References {
-    /// Opens a file and reads its first row.
+    /// Opens a file, judges whether its rotations are small, and reads its first row.
     ///
     /// # Errors
     ///
     /// Returns an error if the file cannot be opened, or its header or first row is malformed.
     pub fn open(path: &Path) -> Result<Self, RecordingError> {
-        let mut table = Table::open(path, &KNOWN, |names| {
-            let [time, w, x, y, z] = group_indices(names, &["t_s", "qw", "qx", "qy", "qz"])?;
-            let scored = names.iter().position(|&name| name == SCORED);
-            Ok(Columns { time, quaternion: [w, x, y, z], scored })
-        })?;
+        let is_calm = is_calm(open_table(path)?);
+        let mut table = open_table(path)?;
         let after = table.next(parse_row).transpose()?;
-        Ok(Self { table, before: None, after, requested_ns: None })
+        Ok(Self { table, is_calm, before: None, after, requested_ns: None })
     }
 
-    /// Returns the interpolated attitude at `t_ns`.
+    /// Returns the attitude at `t_ns`, at which the body rate is `rate_rad_s`.
     ///
-    /// Across a gap longer than [`MAX_GAP_NS`] the attitude is interpolated only up to 1.1 s and a
-    /// rotation of 5°. Otherwise the row before it is returned once, for the first request after
-    /// it.
+    /// The attitude is interpolated across a gap of at most [`MAX_GAP_NS`]. Gaps of up to 1.1 s are
+    /// interpolated if the rotation across the gap, and across 99 % of all such gaps, is less than
+    /// 5°. Otherwise the row before the gap is returned once, for the first request after it,
+    /// rotated by the rate up to that request.
     ///
     /// Returns `None` before the first row, after the last row, in other gaps, and next to a row
     /// without a quaternion. Also returns `None` if an earlier call has already moved the reader
@@ -79,7 +88,7 @@ impl References {
     /// # Errors
     ///
     /// Returns an error if the first row after `t_ns`, or a row before it, is malformed.
-    pub fn interpolate(&mut self, t_ns: i64) -> Result<Option<Reference>, RecordingError> {
+    pub fn attitude_at(&mut self, t_ns: i64, rate_rad_s: [f64; 3]) -> Result<Option<Reference>, RecordingError> {
         while let Some(row_before) = self.after.take_if(|(row_ns, _)| *row_ns <= t_ns) {
             self.before = Some(row_before);
             self.after = self.table.next(parse_row).transpose()?;
@@ -88,7 +97,7 @@ impl References {
         Ok(match (self.before, self.after) {
             (Some((before_ns, reference)), _) if before_ns == t_ns => reference,
             (Some((before_ns, Some(before))), Some((after_ns, Some(after))))
-                if before_ns < t_ns && is_interpolated(after_ns - before_ns, &before, &after) =>
+                if before_ns < t_ns && self.is_interpolated(after_ns - before_ns, &before, &after) =>
             {
                 let fraction = (t_ns - before_ns) as f64 / (after_ns - before_ns) as f64;
                 Some(Reference {
@@ -101,16 +110,66 @@ impl References {
                     && before_ns < t_ns
                     && after_ns - before_ns <= MAX_SLOW_GAP_NS =>
             {
-                Some(before)
+                let dt_s = (t_ns - before_ns) as f64 * 1e-9;
+                let quaternion = rotated(before.quaternion, rate_rad_s.map(|part| part * dt_s));
+                Some(Reference { quaternion, ..before })
             }
             _ => None,
         })
     }
+
+    fn is_interpolated(&self, gap_ns: i64, before: &Reference, after: &Reference) -> bool {
+        let is_slow_but_calm = || self.is_calm && gap_ns <= MAX_SLOW_GAP_NS && !is_large_rotation(before, after);
+        gap_ns <= MAX_GAP_NS || is_slow_but_calm()
+    }
 }
 
-fn is_interpolated(gap_ns: i64, before: &Reference, after: &Reference) -> bool {
+fn open_table(path: &Path) -> Result<Table<Columns>, RecordingError> {
+    Table::open(path, &KNOWN, |names| {
+        let [time, w, x, y, z] = group_indices(names, &["t_s", "qw", "qx", "qy", "qz"])?;
+        let scored = names.iter().position(|&name| name == SCORED);
+        Ok(Columns { time, quaternion: [w, x, y, z], scored })
+    })
+}
+
+/// Returns `true` unless the rows are slow and rotate far between two of them. The rows up to the
+/// first malformed one count, which is reported when it is reached.
+fn is_calm(mut table: Table<Columns>) -> bool {
+    let (mut before, mut slow, mut large) = (None::<ReferenceRow>, 0usize, 0usize);
+    let rows = std::iter::from_fn(|| table.next(parse_row)?.ok());
+    for row in rows.take(MAX_JUDGED_ROWS) {
+        if let (Some((before_ns, Some(before))), (row_ns, Some(reference))) = (before.replace(row), row)
+            && (MAX_GAP_NS + 1..=MAX_SLOW_GAP_NS).contains(&row_ns.saturating_sub(before_ns))
+        {
+            slow += 1;
+            large += usize::from(is_large_rotation(&before, &reference));
+        }
+    }
+    large as f64 <= MAX_LARGE_ROTATION_SHARE * slow as f64
+}
+
+fn is_large_rotation(before: &Reference, after: &Reference) -> bool {
     let cosine: f64 = before.quaternion.iter().zip(after.quaternion).map(|(a, b)| a * b).sum();
-    gap_ns <= MAX_GAP_NS || gap_ns <= MAX_SLOW_GAP_NS && cosine.abs() >= MIN_HALF_ROTATION_COS
+    cosine.abs() < MIN_HALF_ROTATION_COS
+}
+
+/// Rotates an attitude w, x, y, z by a rotation vector in body axes, rad. A rotation that is not
+/// finite is ignored.
+pub fn rotated([w, x, y, z]: [f64; 4], rotation_rad: [f64; 3]) -> [f64; 4] {
+    let angle = rotation_rad.iter().map(|part| part * part).sum::<f64>().sqrt();
+    if !angle.is_finite() || angle == 0.0 {
+        return [w, x, y, z];
+    }
+    let (sin, c) = (angle / 2.0).sin_cos();
+    let [i, j, k] = rotation_rad.map(|part| part / angle * sin);
+    let product = [
+        w * c - x * i - y * j - z * k,
+        w * i + x * c + y * k - z * j,
+        w * j - x * k + y * c + z * i,
+        w * k + x * j - y * i + z * c,
+    ];
+    let length = product.iter().map(|part| part * part).sum::<f64>().sqrt();
+    product.map(|part| part / length)
 }
 
 fn parse_row(fields: &Fields<'_>, columns: &Columns) -> Result<ReferenceRow, (Position, ParseError)> {
@@ -160,7 +219,7 @@ mod tests {
         let rows = [line(1.0, 10.0, 1.0), line(1.1, 20.0, -1.0), line(1.2, 30.0, 1.0), line(2.0, 0.0, 1.0)];
         let mut references = open(&format!("t_s,qw,qx,qy,qz\n{}", rows.concat())).unwrap();
         let found: Vec<_> = [0.9, 1.0, 1.025, 1.1, 1.15, 1.2, 1.6, 2.0, 2.1]
-            .map(|t_s: f64| yaw_deg(references.interpolate((t_s * 1e9).round() as i64).unwrap()))
+            .map(|t_s: f64| yaw_deg(references.attitude_at((t_s * 1e9).round() as i64, [0.0; 3]).unwrap()))
             .to_vec();
         let expected = [None, Some(10.0), Some(12.5), Some(20.0), Some(25.0), Some(30.0), None, Some(0.0), None];
         for (found, expected) in found.iter().zip(expected) {
@@ -173,16 +232,31 @@ mod tests {
         }
     }
 
+    /// Returns a reference at 1 Hz, with the yaw of each row, degrees.
+    fn slow(yaw_deg: impl Fn(u32) -> f64) -> References {
+        let rows: String = (0..200).map(|row| line(row.into(), yaw_deg(row), 1.0)).collect();
+        open(&format!("t_s,qw,qx,qy,qz\n{rows}")).unwrap()
+    }
+
     #[test]
     fn slow_reference_is_interpolated_only_if_calm() {
-        let rows = [line(1.0, 0.0, 1.0), line(2.0, 3.0, 1.0), line(3.0, 60.0, 1.0)];
-        let mut references = open(&format!("t_s,qw,qx,qy,qz\n{}", rows.concat())).unwrap();
-        let mut yaw = |t_ms: i64| yaw_deg(references.interpolate(t_ms * 1_000_000).unwrap());
-        assert!(yaw(1500).is_some_and(|deg| (deg - 1.5).abs() < 1e-9));
-        assert!(yaw(1990).is_some());
-        assert!(yaw(2010).is_some_and(|deg| (deg - 3.0).abs() < 1e-9), "its own time has just passed");
-        assert_eq!([yaw(2030), yaw(2990)], [None, None], "the rotation is large");
-        assert_eq!(yaw(3000).map(f64::round), Some(60.0));
+        let mut calm = slow(|row| 3.0 * f64::from(row % 2) + if row >= 150 { 60.0 } else { 0.0 });
+        let mut yaw = |t_ms: i64| yaw_deg(calm.attitude_at(t_ms * 1_000_000, [0.0; 3]).unwrap());
+        assert!(yaw(500).is_some_and(|deg| (deg - 1.5).abs() < 1e-9));
+        assert!(yaw(990).is_some());
+        assert!(yaw(149_000).is_some());
+        assert_eq!([yaw(149_500), yaw(149_900)], [None, None], "a single large rotation");
+        assert_eq!(yaw(150_000).map(f64::round), Some(60.0));
+        // If rotations are often large, the calm parts are not interpolated, either.
+        let mut rotating = slow(|row| f64::from(row / 2 * 20) + f64::from(row % 2));
+        let mut yaw = |t_ms: i64, rate_deg_s: f64| {
+            let rate_rad_s = [0.0, 0.0, rate_deg_s.to_radians()];
+            yaw_deg(rotating.attitude_at(t_ms * 1_000_000, rate_rad_s).unwrap())
+        };
+        assert_eq!([yaw(500, 0.0), yaw(990, 0.0)], [None, None]);
+        let at_own_time = yaw(1010, 20.0);
+        assert!(at_own_time.is_some_and(|deg| (deg - 1.2).abs() < 1e-9), "rotated for 10 ms: {at_own_time:?}");
+        assert_eq!(yaw(1020, 20.0), None, "once only");
     }
 
     #[test]
@@ -190,7 +264,7 @@ mod tests {
         let text = "t_s,qw,qx,qy,qz,mov\n0,1,0,0,0,1\n0.1,nan,nan,nan,nan,1\n0.2,1,0,0,0,0\n0.3,1,0,0,0,1\n";
         let mut references = open(text).unwrap();
         let scored = [0.0, 0.05, 0.1, 0.15, 0.2, 0.25, 0.3].map(|t_s: f64| {
-            references.interpolate((t_s * 1e9).round() as i64).unwrap().map(|reference| reference.scored)
+            references.attitude_at((t_s * 1e9).round() as i64, [0.0; 3]).unwrap().map(|reference| reference.scored)
         });
         assert_eq!(scored, [Some(true), None, None, None, Some(false), Some(false), Some(true)]);
         assert!(open("t_s,qw,qx,qy\n").is_err());

@@ -361,7 +361,7 @@ impl CsvFiles {
         let needs_time_unit = !matches!(first, Some(Time::Calendar(_) | Time::OfDay(_)));
         mapping.with_header_units(names_of, needs_time_unit).map_err(|error| {
             let path = groups.rate.path.clone();
-            ImportError::HeaderUnits { path, error: Box::new(error) }
+            ImportError::HeaderUnits { path, error: error.into() }
         })
     }
 

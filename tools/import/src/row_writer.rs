@@ -11,7 +11,7 @@
 
 use std::iter::Peekable;
 
-use recording::{Reference, Row, Writer};
+use recording::{Reference, Row, Writer, rotated};
 
 use crate::ImportError;
 
@@ -316,24 +316,6 @@ pub(crate) fn is_calm(attitudes: Samples<'_, Attitude>) -> Result<bool, ImportEr
         }
     }
     Ok(large as f64 <= MAX_LARGE_ROTATION_SHARE * slow as f64)
-}
-
-/// Rotates an attitude by a rotation vector in body axes, rad.
-fn rotated([w, x, y, z]: [f64; 4], rotation: [f64; 3]) -> [f64; 4] {
-    let angle = rotation.iter().map(|part| part * part).sum::<f64>().sqrt();
-    if !angle.is_finite() || angle == 0.0 {
-        return [w, x, y, z];
-    }
-    let (sin, c) = (angle / 2.0).sin_cos();
-    let [i, j, k] = rotation.map(|part| part / angle * sin);
-    let product = [
-        w * c - x * i - y * j - z * k,
-        w * i + x * c + y * k - z * j,
-        w * j - x * k + y * c + z * i,
-        w * k + x * j - y * i + z * c,
-    ];
-    let length = product.iter().map(|part| part * part).sum::<f64>().sqrt();
-    product.map(|part| part / length)
 }
 
 /// Interpolates spherically between two attitudes, along the shorter arc.

@@ -43,7 +43,7 @@ impl EstimateReader {
     /// Returns the estimate at the tick of a sample, or `None` if the file does not cover it.
     pub(crate) fn at(&mut self, sample: &ImuSample) -> Result<Option<(AttitudeOutput, FusedState)>, RecordingError> {
         let header = sample.header;
-        let Some(found) = self.attitudes.interpolate(header.t_end_ns)? else { return Ok(None) };
+        let Some(found) = self.attitudes.attitude_at(header.t_end_ns, sample.rate_rad_s)? else { return Ok(None) };
         let [w, x, y, z] = found.quaternion;
         let attitude = Attitude::from_quaternion(Quaternion::new(w, x, y, z));
         let angles = attitude.angles();

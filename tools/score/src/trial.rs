@@ -165,7 +165,7 @@ impl Trial {
                     None => Box::new(readings.map(|reading| Ok(reading?))),
                     Some(mut references) => Box::new(readings.map(move |reading| {
                         let reading = reading?;
-                        let reference = references.interpolate(reading.t_ns)?;
+                        let reference = references.attitude_at(reading.t_ns, reading.rate_rad_s)?;
                         Ok(Reading { reference, ..reading })
                     })),
                 }
@@ -187,7 +187,7 @@ impl Trial {
 
 /// Validates a reference file by reading it completely.
 pub(crate) fn validate_references(file: &Path) -> Result<(), RecordingError> {
-    References::open(file)?.interpolate(i64::MAX).map(drop)
+    References::open(file)?.attitude_at(i64::MAX, [0.0; 3]).map(drop)
 }
 
 fn simulated(scenario: &Scenario, with_fixes: bool, with_field: bool) -> impl Iterator<Item = Reading> + use<> {
