@@ -124,7 +124,13 @@ impl Lines {
         lines.period_ns = lines.wrap_period_ns(&lines.configured)?;
         if let Some(columns) = &settings.columns {
             let columns: Vec<_> = columns.iter().map(|column| column.trim()).collect();
-            lines.set_columns(&columns)?;
+            lines.set_columns(&columns).map_err(|error| match error {
+                LinesError::MissingColumn { target, column, .. } => {
+                    let near = nearest(&column, columns.iter().copied()).map(str::to_owned);
+                    LinesError::MissingColumn { target, column, near }
+                }
+                error => error,
+            })?;
         }
         Ok(lines)
     }
@@ -177,6 +183,9 @@ impl Lines {
     /// Takes the columns from a line that contains all mapped names. Returns `false` if the line
     /// does not.
     fn find_columns(&mut self, line: &str) -> bool {
+        if text::is_row(line) {
+            return false;
+        }
         for separator in Separator::ALL {
             match self.set_columns(&separator.fields(line)) {
                 Ok(()) => {
@@ -329,9 +338,8 @@ impl ColumnIndices {
             let ranked =
                 names.iter().enumerate().filter_map(|(index, name)| Some((mapping.match_rank(target, name)?, index)));
             ranked.min().map(|(_, index)| index).ok_or_else(|| {
-                let column = mapping.column(target).unwrap_or(target);
-                let near = nearest(column, names.iter().copied()).map(str::to_owned);
-                LinesError::MissingColumn { target, column: column.to_owned(), near }
+                let column = mapping.column(target).unwrap_or(target).to_owned();
+                LinesError::MissingColumn { target, column, near: None }
             })
         };
         let three_indices = |[x, y, z]: [&'static str; 3]| Ok([index_of(x)?, index_of(y)?, index_of(z)?]);

@@ -31,6 +31,8 @@ const STEMS: [([&str; 3], &[&str]); 3] = [
 const TIME_STEMS: [&str; 5] = ["t", "time", "timestamp", "elapsed", "elapsedtime"];
 /// Shortest name that may follow its axis, as in `x_gyro`.
 const MIN_STEM_AFTER_AXIS: usize = 3;
+/// Maximum length of a name that is parsed, which bounds the time for arbitrary text.
+const MAX_NAME_BYTES: usize = 64;
 const AXES: [char; 3] = ['x', 'y', 'z'];
 /// Characters between the words of a name.
 const SEPARATORS: [char; 7] = ['_', '-', '.', ' ', ',', ':', '/'];
@@ -70,6 +72,9 @@ pub(crate) struct HeaderName {
 /// Letter case and separators between the words are ignored. The unit is in brackets or the last
 /// word. It must be one of the quantity's units. Returns `None` for any other name.
 pub(crate) fn parse(name: &str) -> Option<HeaderName> {
+    if name.len() > MAX_NAME_BYTES {
+        return None;
+    }
     let plain = without_unit(name);
     let (target, last_word) = target_of(plain).map(|target| (target, None)).or_else(|| {
         word_starts(plain).find_map(|at| {
