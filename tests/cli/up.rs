@@ -365,9 +365,9 @@ fn default_launch_file_is_built_in() {
 }
 
 #[test]
-fn plumb_without_arguments_runs_local_launch_file() {
+fn up_without_arguments_runs_local_launch_file() {
     let system = System::new("");
-    let mut command = plumb(&[]);
+    let mut command = plumb(&["up"]);
     command.current_dir(system.folder.path());
     let running = Running::spawn(command);
     running.all_services();

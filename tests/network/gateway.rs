@@ -124,7 +124,7 @@ fn repeated_remote_swap_takes_effect_once() {
     assert_eq!((report["outcome"].as_str(), report["lost"].as_u64()), (Some("committed"), Some(0)), "{report}");
     let output = plumb(&["ps"]).args(remote).output().unwrap();
     let services_report: Value = serde_json::from_slice(&output.stdout).unwrap();
-    assert_eq!(services_report[3]["stage"], "vqf", "{services_report}");
+    assert_eq!(services_report["services"][3]["stage"], "vqf", "{services_report}");
 
     let [ca, cert, key] = ["ca.pem", "cert.pem", "key.pem"].map(|file| operator.join(file));
     let endpoints = Endpoints { tls: Some(Tls { ca, cert, key }), ..Endpoints::with_connect(&[endpoint]) };

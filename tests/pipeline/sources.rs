@@ -148,7 +148,7 @@ fn assert_replay_is_identical(flights: &Path, out: &Path) {
 
 /// Returns the findings of `plumb doctor` about the source, with their remedies.
 fn source_findings(system: &System) -> Vec<String> {
-    let output = plumb(&["doctor", "--seconds", "0.2", "--json", "--system", &system.name]).output().unwrap();
+    let output = plumb(&["doctor", "--for", "200ms", "--json", "--system", &system.name]).output().unwrap();
     let report: Value = serde_json::from_slice(&output.stdout).unwrap();
     let checks = report["checks"].as_array().unwrap().iter().filter(|check| check["check"] == "source");
     checks.map(|check| format!("{} → {}", check["found"], check["remedy"])).collect()

@@ -26,7 +26,7 @@ fn json(arguments: &[&str], system: &System) -> Value {
 
 /// Returns the doctor's check on the report and the output file.
 fn record(system: &System) -> Value {
-    let doctor = json(&["doctor", "--seconds", "0.2"], system);
+    let doctor = json(&["doctor", "--for", "200ms"], system);
     doctor["checks"].as_array().unwrap().iter().find(|check| check["check"] == "record").unwrap().clone()
 }
 
@@ -39,7 +39,7 @@ fn ticks_missed_by_frozen_supervisor_are_not_lost() {
     assert_eq!(record(&system)["result"], "ok");
     signal(running.pid(), Signal::STOP);
     // The measurement is longer than `buffer_s`, so the frozen supervisor misses ticks.
-    let rates = json(&["topic", "hz", "attitude", "--seconds", "4"], &system);
+    let rates = json(&["topic", "hz", "attitude", "--for", "4s"], &system);
     signal(running.pid(), Signal::CONT);
     assert!(rates["messages"].as_u64() > Some(3000), "{rates}");
     assert_eq!((rates["lost"].as_u64(), rates["missed"].as_u64()), (Some(0), Some(0)), "on the bus: {rates}");

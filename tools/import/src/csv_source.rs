@@ -36,6 +36,8 @@ use crate::{
 
 /// Number of rows between two progress reports.
 const PROGRESS_INTERVAL_ROWS: u64 = 1024;
+/// Names of the columns that every recording has.
+const RECORDING_COLUMNS: [&str; 7] = ["t_s", "gx", "gy", "gz", "ax", "ay", "az"];
 
 /// CSV files with a mapping of their columns.
 pub(crate) struct CsvSource {
@@ -386,9 +388,14 @@ impl CsvFiles {
         })
     }
 
-    /// Returns the error of a single file with the columns of a recording and a mistake in a name.
+    /// Returns the error of a single file that has most columns of a recording and a mistake in a
+    /// name.
     fn recording_error(&self) -> Option<RecordingError> {
-        let [(path, _)] = &self.columns[..] else { return None };
+        let [(path, names)] = &self.columns[..] else { return None };
+        let known = RECORDING_COLUMNS.iter().filter(|known| names.iter().any(|name| name.raw() == **known)).count();
+        if 2 * known <= RECORDING_COLUMNS.len() {
+            return None;
+        }
         recording::Reader::open(path).err().filter(RecordingError::suggests_name)
     }
 

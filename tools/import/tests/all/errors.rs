@@ -100,6 +100,10 @@ fn misspelt_recording_column_reported_with_suggestion() {
             assert_eq!((folder.message(&error), error.exit_code()), (expected, 3), "{header}");
         }
     }
+    // The columns of another program need a mapping, even if one resembles a known name.
+    let path = folder.file("b.csv", "a,gx\n1,2\n");
+    let error = folder.import(from_ref(&path), None).unwrap_err();
+    assert!(matches!(error, ImportError::MappingRequired { .. }), "{error}");
 }
 
 #[test]
