@@ -203,7 +203,8 @@ fn figures_are_small_and_labelled() {
 
 #[test]
 fn invalid_arguments_are_rejected_with_alternatives() {
-    let folder = folder_with(&[("a.csv", at_rest(0.0, 0.0)), ("bad.csv", "t_s,gx,gz,ax,ay,az\n0,0,0,0,0,9.8\n".into())]);
+    let folder =
+        folder_with(&[("a.csv", at_rest(0.0, 0.0)), ("bad.csv", "t_s,gx,gz,ax,ay,az\n0,0,0,0,0,9.8\n".into())]);
     fs::create_dir(folder.path().join("b")).unwrap();
     fs::copy(folder.path().join("a.csv"), folder.path().join("b/a.csv")).unwrap();
     let assert_error =

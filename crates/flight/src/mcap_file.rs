@@ -435,7 +435,7 @@ mod tests {
     #[test]
     fn memory_does_not_grow_with_number_of_chunks() {
         if std::env::var_os(MEASURES).is_none() {
-            // In a process of its own, no other test allocates at the same time.
+            // In a separate process, no other test allocates at the same time.
             let name = "mcap_file::tests::memory_does_not_grow_with_number_of_chunks";
             let mut command = std::process::Command::new(std::env::current_exe().unwrap());
             let output = command.args(["--exact", name, "--nocapture"]).env(MEASURES, "1").output().unwrap();
