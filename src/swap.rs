@@ -10,7 +10,8 @@ use bus::BusError;
 use clap::Args;
 use control::{ControlError, ControlRequest, ServiceStatus, SwapReport, SwapRequest, send_request};
 use graph::Topic;
-use launch::{Service, StageConfig};
+use launch::{Service, Slot, StageConfig};
+use mapping::names::UnknownName;
 use messages::Difference;
 use serde::Serialize;
 use supervisor::LastRun;
@@ -93,7 +94,7 @@ pub(crate) fn shadow(shadow: Shadow) -> ExitCode {
     }
     let (name, json) = (swap.system.name(), swap.system.json());
     let Some(service) = Service::from_name(&swap.slot) else {
-        return fail(&format_args!("unknown slot `{}`: expected gyro, accel, fuser or course", swap.slot), 2);
+        return fail(&UnknownName::new("slot", &swap.slot, Slot::ALL.map(Slot::name)), 2);
     };
     let mut stop = StopCondition::new(|| true, duration);
     let request = ControlRequest::Swap(swap.request(true));

@@ -263,6 +263,7 @@ fn failing_commands_print_a_json_error() {
     for (arguments, code, texts) in [
         (&["up", "--sped", "max", "--json"][..], 2, "unexpected argument '--sped'"),
         (&["ps", "--system", "no-such-system", "--json"], 1, "no-such-system"),
+        (&["shadow", "fusr", "vqf", "--json"], 2, "did you mean `fuser`?"),
         (&["score", "no-such-recording.csv", "--json"], 3, "no-such-recording.csv"),
     ] {
         let output = plumb(arguments).output().unwrap();
