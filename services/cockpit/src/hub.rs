@@ -225,10 +225,9 @@ impl Hub {
 
     /// Returns the next message for a viewer; `None` if it has received all messages.
     ///
-    /// Of the status and of the calibration, a viewer receives the newest message. After
-    /// [`CATCH_UP_TIME`], a viewer that is more than [`MAX_LATE_SNAPSHOTS`] late receives a summary
-    /// instead of the missed snapshots, with the events and their flags, because events and flags
-    /// are never decimated.
+    /// A viewer receives only the newest status and the newest calibration. A viewer that is more
+    /// than [`MAX_LATE_SNAPSHOTS`] late after [`CATCH_UP_TIME`] receives a summary instead of the
+    /// missed snapshots. The summary has all their events and flags, which are never decimated.
     pub(crate) fn next_message(&self, cursor: &mut Cursor) -> Option<Bytes> {
         let backlog = self.backlog();
         if cursor.status != Some(backlog.status_number) {

@@ -3,7 +3,8 @@
 //! Input: messages of the system's bus, and the commands of operators.
 //! Output: a flight, in the folder that the launch file names, under a name with system and time.
 //! Time: a recording ends after [`MAX_DURATION`] at the latest.
-//! Failure: a recording that reaches its size limit or cannot be written ends. Its result says so.
+//! Failure: a recording ends if it reaches its size limit or cannot be written. Its result contains
+//! the reason.
 
 use std::{
     fs::{self, DirBuilder},

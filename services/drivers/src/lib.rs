@@ -107,7 +107,7 @@ pub fn run() -> Result<(), DriversError> {
             next_diagnostics = Instant::now() + DIAGNOSTICS_INTERVAL;
             let mut problems = report.clone().map_or(Vec::new(), |report| source_monitor.update(report, clock_steps));
             problems.extend(receiver.iter().flat_map(|receiver| receiver_monitor.update(receiver.report(), 0)));
-            problems.extend(publisher.assumed_rate());
+            problems.extend(publisher.rate_problem());
             diagnostics.publish(problems);
         }
         context.publish_health(state, |health| {
@@ -138,9 +138,9 @@ pub fn run() -> Result<(), DriversError> {
         }
         measurements.extend(receiver.iter().flat_map(Receiver::queued_fixes));
         let arrival_ns = monotonic_ns().cast_signed();
-        let had_assumed_rate = publisher.assumed_rate().is_some();
+        let had_rate_problem = publisher.rate_problem().is_some();
         measurements.drain(..).for_each(|measurement| publisher.push(&measurement, arrival_ns));
-        if publisher.assumed_rate().is_some() && !had_assumed_rate {
+        if publisher.rate_problem().is_some() && !had_rate_problem {
             // A short input may end before the next report is due.
             next_diagnostics = Instant::now();
         }

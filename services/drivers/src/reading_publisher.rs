@@ -24,6 +24,7 @@ pub(crate) struct ReadingPublisher {
     /// Clock of the device, if its timestamps are used unchanged.
     device_clock: DeviceClock,
     interval_s: f64,
+    /// `false` if `interval_s` is that of the default rate.
     has_declared_rate: bool,
     /// Number of readings without a device timestamp.
     unstamped_count: u64,
@@ -100,7 +101,7 @@ impl ReadingPublisher {
 
     /// Returns a problem if readings without times are spaced by the default rate, because none is
     /// declared.
-    pub(crate) fn assumed_rate(&self) -> Option<Diagnostic> {
+    pub(crate) fn rate_problem(&self) -> Option<Diagnostic> {
         (!self.has_declared_rate && self.unstamped_count > 0).then(|| Diagnostic {
             kind: "assumed-rate".into(),
             found: format!("the readings have no times; {DEFAULT_RATE_HZ:.0} Hz is assumed").into(),
