@@ -8,7 +8,7 @@ use std::{
 
 use rustix::process::Signal;
 
-use crate::common::{Run, Running, System, copy_program, plumb, signal, wait_for};
+use crate::common::{Run, Running, System, copy_program, plumb, program, signal, wait_for};
 
 /// User ID of `nobody`.
 const OTHER_USER: &str = "65534";
@@ -124,7 +124,7 @@ fn system_of_other_user_is_reported_with_owner() {
     fs::create_dir(&folder).unwrap();
     fs::set_permissions(&folder, fs::Permissions::from_mode(0o755)).unwrap();
     let copy = folder.join("plumb");
-    copy_program(Path::new(env!("CARGO_BIN_EXE_plumb")), &copy);
+    copy_program(&program(), &copy);
     for arguments in [["ps"].as_slice(), &["top", "--count", "1"], &["swap", "fuser", "vqf"], &["topic", "list"]] {
         let mut command = Command::new("setpriv");
         command.args(["--reuid", OTHER_USER, "--regid", OTHER_USER, "--clear-groups"]).arg(&copy).args(arguments);

@@ -66,7 +66,7 @@ impl System {
         let name = format!("test-{}-{}", std::process::id(), COUNT.fetch_add(1, Ordering::SeqCst));
         let folder = tempfile::tempdir().unwrap();
         fs::write(folder.path().join("launch.toml"), format!("name = \"{name}\"\n{text}")).unwrap();
-        Self { name, folder, executable: env!("CARGO_BIN_EXE_plumb").into() }
+        Self { name, folder, executable: program() }
     }
 
     /// Creates a system with a faulty course service. The launch file names the fault.
@@ -329,15 +329,21 @@ impl Run {
     }
 }
 
+/// Returns the tested program: `plumb` of this build, or the file in the variable
+/// `PLUMBLINE_PROGRAM`, such as a packaged program for another processor.
+pub(crate) fn program() -> PathBuf {
+    std::env::var_os("PLUMBLINE_PROGRAM").map_or_else(|| env!("CARGO_BIN_EXE_plumb").into(), PathBuf::from)
+}
+
 pub(crate) fn plumb(arguments: &[&str]) -> Command {
-    let mut command = Command::new(env!("CARGO_BIN_EXE_plumb"));
+    let mut command = Command::new(program());
     command.args(arguments).stdin(Stdio::null());
     command
 }
 
 /// Returns the output of `plumb` in a terminal of 24 lines and 80 columns.
 pub(crate) fn run_on_terminal(arguments: &[&str]) -> String {
-    let script = format!("stty rows 24 cols 80; exec {} {}", env!("CARGO_BIN_EXE_plumb"), arguments.join(" "));
+    let script = format!("stty rows 24 cols 80; exec {} {}", program().display(), arguments.join(" "));
     let output = Command::new("script").args(["-qec", &script, "/dev/null"]).stdin(Stdio::null()).output().unwrap();
     let text = String::from_utf8_lossy(&output.stdout).into_owned();
     assert!(output.status.success(), "{text}");
