@@ -314,6 +314,17 @@ fn every_exception_matches_an_example() {
 }
 
 #[test]
+fn code_of_libraries_is_that_of_benchmark() {
+    let benchmark = fs::read_to_string(root().join("benches/kernels/libraries.rs")).unwrap();
+    let chapter = files().into_iter().find(|(file, _)| file == "docs/reference/libraries.md").unwrap().1;
+    let functions: Vec<_> = chapter.iter().filter(|block| block.language == "rust").collect();
+    assert_eq!(functions.len(), 5);
+    for function in functions {
+        assert!(benchmark.contains(&function.text), "{}: differs from benches/kernels/libraries.rs", function.location);
+    }
+}
+
+#[test]
 fn launch_file_examples_are_valid() {
     let scratch = Scratch::new();
     let launch = fs::read_to_string(scratch.system.path("launch.toml")).unwrap();

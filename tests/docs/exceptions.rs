@@ -87,6 +87,7 @@ pub(super) const NOT_EXAMPLES: &[(&str, &str)] = &[
     ("topics ─► gateway", "drawing"),
     ("RMSE, degrees", "output"),
     ("gyro: 1 rest", "output"),
+    ("fn ", "Rust; compared with benches/kernels/libraries.rs by `code_of_libraries_is_that_of_benchmark`"),
     ("let mut sensor", "part of examples/driver.rs, which is built with the tests"),
     ("scrape_configs:", "configuration of Prometheus; tested by `cockpit`"),
     ("request_id:", "fields of a message; tested by tests/foreign/client.py"),
