@@ -17,25 +17,31 @@ use cortex_m_semihosting::{debug, hprintln};
 use panic_semihosting as _;
 use plumbline_ahrs::{AhrsBuilder, attitude::stage::Stage as _};
 
-/// Defines the stage of the enabled feature, else the default stage.
+/// Defines `fuser`, which creates the stage of the enabled feature, else the default stage.
 macro_rules! stages {
-    ($($feature:literal: $stage:ident,)*) => {
+    ($($feature:literal: $stage:ident, $create:ident,)*) => {
         $(#[cfg(feature = $feature)]
-        use plumbline_ahrs::stages::$stage as Fuser;)*
+        fn fuser() -> plumbline_ahrs::stages::$stage {
+            plumbline_ahrs::stages::$stage::$create()
+        })*
         #[cfg(not(any($(feature = $feature),*)))]
-        use plumbline_ahrs::stages::MultipleModel as Fuser;
+        fn fuser() -> plumbline_ahrs::stages::MultipleModel {
+            plumbline_ahrs::stages::MultipleModel::default()
+        }
     };
 }
 
 stages! {
-    "aided": Aided,
-    "levelling": Levelling,
-    "levelling-pi": LevellingPi,
-    "levelling-unified": LevellingUnified,
-    "vqf": Vqf,
-    "wz": Wz,
-    "wz-closed": WzClosed,
-    "wz-open": WzOpen,
+    "aided": Aided, default,
+    "levelling": Levelling, default,
+    "levelling-pi": LevellingPi, default,
+    "levelling-unified": LevellingUnified, default,
+    "madgwick": Madgwick, original,
+    "madgwick-improved": Madgwick, improved,
+    "vqf": Vqf, default,
+    "wz": Wz, default,
+    "wz-closed": WzClosed, default,
+    "wz-open": WzOpen, default,
 }
 
 const SAMPLES: u64 = 3000;
@@ -59,7 +65,7 @@ fn main() -> ! {
     peripherals.SYST.enable_counter();
     let calibration = counts(|| cortex_m::asm::delay(CALIBRATION)).max(1);
 
-    let mut ahrs = AhrsBuilder::new().fuser(Fuser::default()).build();
+    let mut ahrs = AhrsBuilder::new().fuser(fuser()).build();
     let (mut sum, mut max, mut samples) = (0, 0, 0);
     for sample in firmware::samples().take(SAMPLES as usize) {
         let taken = counts(|| {
