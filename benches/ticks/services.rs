@@ -1,11 +1,9 @@
 //! The services of the data path in one process, each tick passing through them in turn.
 
 use bus::SystemName;
-use launch::{Launch, Service, Source};
-use messages::{
-    AccelPoint, AttitudeOutput, Checkpoint, Credit, FusedState, GnssFix, GyroStep, Health, ImuSample, MagSample,
-};
-use runtime::{Pace, ServiceConfig, ServiceContext, SlotLoop, SlotProcessor, service_config::CONTROL_BUFFER};
+use launch::{Launch, Service, Slot, Source};
+use messages::{AttitudeOutput, Checkpoint, Credit, Health};
+use runtime::{Pace, ServiceConfig, ServiceContext, ServiceLoop, service_config::CONTROL_BUFFER};
 
 use crate::Failure;
 
@@ -36,39 +34,20 @@ fn run_services(name: &SystemName) -> Result<(), Failure> {
     let checkpoints = supervisor.subscriber::<Checkpoint>()?;
     let credit = supervisor.publisher::<Credit>()?;
 
-    let context = join(Service::Gyro)?;
-    let (slot, imu) = (slots::gyro::slot(&context.config)?, context.subscriber::<ImuSample>()?);
-    let inputs: [&dyn runtime::SlotInput<_>; 1] = [&imu];
-    let mut gyro_loop = SlotLoop::start(context, slot, &inputs)?;
-
-    let context = join(Service::Accel)?;
-    let (slot, imu) = (slots::accel::slot(&context.config)?, context.subscriber::<ImuSample>()?);
-    let inputs: [&dyn runtime::SlotInput<_>; 1] = [&imu];
-    let mut accel_loop = SlotLoop::start(context, slot, &inputs)?;
-
-    let context = join(Service::Fuser)?;
-    let slot = slots::fuser::slot(&context.config)?;
-    let (steps, points) = (context.ordered_subscriber::<GyroStep>()?, context.ordered_subscriber::<AccelPoint>()?);
-    let (mag, gnss) = (context.subscriber::<MagSample>()?, context.subscriber::<GnssFix>()?);
-    let control = context.control()?;
-    let inputs: [&dyn runtime::SlotInput<_>; 5] = [&steps, &points, &mag, &gnss, &control];
-    let mut fuser_loop = SlotLoop::start(context, slot, &inputs)?;
-
-    let context = join(Service::Course)?;
-    let slot = slots::course::slot(&context.config)?;
-    let (fused, gnss) = (context.ordered_subscriber::<FusedState>()?, context.subscriber::<GnssFix>()?);
-    let inputs: [&dyn runtime::SlotInput<_>; 2] = [&fused, &gnss];
-    let mut course_loop = SlotLoop::start(context, slot, &inputs)?;
+    let mut gyro_loop = slots::start(Slot::Gyro, join(Service::Gyro)?)?;
+    let mut accel_loop = slots::start(Slot::Accel, join(Service::Accel)?)?;
+    let mut fuser_loop = slots::start(Slot::Fuser, join(Service::Fuser)?)?;
+    let mut course_loop = slots::start(Slot::Course, join(Service::Course)?)?;
 
     let mut paced = ::ingest::PacedIngest::start(join(Service::Ingest)?)?;
     let mut received = 0;
     let mut run_tick = |tick: u64| -> Result<(), Failure> {
         credit.send(&Credit { ticks: tick + 1, ends: 0 })?;
         ingest(&mut paced)?;
-        gyro(&mut gyro_loop)?;
-        accel(&mut accel_loop)?;
-        fuser(&mut fuser_loop)?;
-        course(&mut course_loop)?;
+        gyro(&mut *gyro_loop)?;
+        accel(&mut *accel_loop)?;
+        fuser(&mut *fuser_loop)?;
+        course(&mut *course_loop)?;
         attitudes.drain(CONTROL_BUFFER, |_| received += 1)?;
         health.drain(CONTROL_BUFFER, |_| ())?;
         checkpoints.drain(CONTROL_BUFFER, |_| ())?;
@@ -91,29 +70,29 @@ fn ingest(paced: &mut ::ingest::PacedIngest) -> Result<(), Failure> {
 }
 
 #[inline(never)]
-fn gyro<S: SlotProcessor>(slot_loop: &mut SlotLoop<S>) -> Result<(), Failure> {
-    run_round(slot_loop)
+fn gyro(service: &mut dyn ServiceLoop) -> Result<(), Failure> {
+    run_round(service)
 }
 
 #[inline(never)]
-fn accel<S: SlotProcessor>(slot_loop: &mut SlotLoop<S>) -> Result<(), Failure> {
-    run_round(slot_loop)
+fn accel(service: &mut dyn ServiceLoop) -> Result<(), Failure> {
+    run_round(service)
 }
 
 #[inline(never)]
-fn fuser<S: SlotProcessor>(slot_loop: &mut SlotLoop<S>) -> Result<(), Failure> {
-    run_round(slot_loop)
+fn fuser(service: &mut dyn ServiceLoop) -> Result<(), Failure> {
+    run_round(service)
 }
 
 #[inline(never)]
-fn course<S: SlotProcessor>(slot_loop: &mut SlotLoop<S>) -> Result<(), Failure> {
-    run_round(slot_loop)
+fn course(service: &mut dyn ServiceLoop) -> Result<(), Failure> {
+    run_round(service)
 }
 
 #[inline(always)]
-fn run_round<S: SlotProcessor>(slot_loop: &mut SlotLoop<S>) -> Result<(), Failure> {
-    slot_loop.wait();
-    Ok(slot_loop.run_round()?)
+fn run_round(service: &mut dyn ServiceLoop) -> Result<(), Failure> {
+    service.wait();
+    Ok(service.run_round()?)
 }
 
 /// Returns the configuration of a service. The source publishes one tick per credit.

@@ -14,7 +14,7 @@ use attitude::{
 use bus::Subscriber;
 use launch::{Service, Slot};
 use messages::{AttitudeOutput, Control, Field, FusedState, GnssFix, Layout, Message};
-use runtime::{Sequence, ServiceContext, SlotProcessor, serve};
+use runtime::{Sequence, ServiceContext, SlotLoop, SlotProcessor, serve};
 use slots::course::{CourseMessage, CourseSlot};
 
 fn main() -> ExitCode {
@@ -37,10 +37,7 @@ fn service() {
     let mut context = ServiceContext::join(Service::Course).unwrap();
     let program = context.config.launch.external_stage(Slot::Course).map(|program| program.command[1].clone());
     let Some(fault) = program.filter(|fault| fault != "hosted") else {
-        let slot = slots::course::slot(&context.config).unwrap();
-        let (fused, gnss) =
-            (context.ordered_subscriber::<FusedState>().unwrap(), context.subscriber::<GnssFix>().unwrap());
-        return serve(context, slot, &[&fused, &gnss]).unwrap();
+        return serve(&mut *slots::start(Slot::Course, context).unwrap()).unwrap();
     };
     "angles".clone_into(&mut context.config.launch.course.stage);
     match fault.as_str() {
@@ -59,8 +56,8 @@ fn service() {
         fault: fault.clone(),
         ticks: 0,
     };
-    let (fused, gnss) = (context.ordered_subscriber::<FusedState>().unwrap(), context.subscriber::<GnssFix>().unwrap());
-    serve(context, slot, &[&fused, &gnss]).unwrap();
+    let inputs = slots::course::subscribe(&context).unwrap();
+    serve(&mut SlotLoop::start(context, slot, inputs).unwrap()).unwrap();
     if fault == "ignores-sigterm" {
         std::thread::sleep(Duration::from_secs(3600));
     }

@@ -50,9 +50,9 @@ pub mod stderr_tail;
 
 pub use error::RuntimeError;
 pub use join::{Join, JoinInput, JoinInputs, Joined};
-pub use ordered_subscriber::{OrderedSubscriber, SlotInput};
+pub use ordered_subscriber::{OrderedSubscriber, SlotInput, SlotInputs};
 pub use prior::{ImplausibleValue, Prior, PriorEstimate};
-pub use service::{SlotLoop, serve};
+pub use service::{ServiceLoop, SlotLoop, serve};
 pub use service_config::{Pace, Role, ServiceConfig};
 pub use service_context::ServiceContext;
 pub use slot::{SingleInputSlot, SlotProcessor, TickProcessor};

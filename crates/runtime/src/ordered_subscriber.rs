@@ -27,6 +27,9 @@ pub trait SlotInput<I> {
     }
 }
 
+/// Subscriptions of a slot, in the order in which it numbers its inputs.
+pub type SlotInputs<I> = Vec<Box<dyn SlotInput<I>>>;
+
 /// Subscriber that merges all publishers of a slot into one ordered stream.
 #[derive(Debug)]
 pub struct OrderedSubscriber<M: Ticked> {

@@ -5,7 +5,7 @@ use messages::{Checkpoint, Control, State, Ticked};
 
 use crate::{
     Role, RuntimeError, ServiceContext, clock::monotonic_ns, input_scheduling::poll_fairly,
-    ordered_subscriber::SlotInput, service_config::CONTROL_BUFFER, shadow::ShadowComparison, slot::SlotProcessor,
+    ordered_subscriber::SlotInputs, service_config::CONTROL_BUFFER, shadow::ShadowComparison, slot::SlotProcessor,
     slot_service::SlotService,
 };
 
@@ -13,30 +13,41 @@ use crate::{
 /// regardless of the number of queued messages.
 const MAX_POLL_NS: u64 = 50_000_000;
 
-/// Runs a slot until the service receives a stop request.
-///
-/// `inputs` are in the order in which the slot numbers its inputs.
+/// Runs the main loop of a service until it receives a stop request.
 ///
 /// # Errors
 ///
 /// Fails if the bus fails or the stage fails permanently.
-pub fn serve<S: SlotProcessor>(
-    context: ServiceContext,
-    slot: S,
-    inputs: &[&dyn SlotInput<S::Input>],
-) -> Result<(), RuntimeError> {
-    let mut slot_loop = SlotLoop::start(context, slot, inputs)?;
-    while !slot_loop.context.should_stop() {
-        slot_loop.run_round()?;
-        slot_loop.wait();
+pub fn serve(service: &mut dyn ServiceLoop) -> Result<(), RuntimeError> {
+    while !service.should_stop() {
+        service.run_round()?;
+        service.wait();
     }
     Ok(())
 }
 
+/// Main loop of a service.
+///
+/// As a trait object, the loop of each slot is compiled in the crate of the slots, not in the crate
+/// of each service.
+pub trait ServiceLoop {
+    /// Handles all available messages and decisions, and publishes what is due.
+    ///
+    /// # Errors
+    ///
+    /// Fails if the bus fails or the stage fails permanently.
+    fn run_round(&mut self) -> Result<(), RuntimeError>;
+    /// Sleeps until the input that the next output is waiting for has a message, or until the
+    /// maximum sleep time has passed.
+    fn wait(&mut self);
+    /// Returns `true` once the service has received a stop request.
+    fn should_stop(&mut self) -> bool;
+}
+
 /// Main loop of a slot's service.
-pub struct SlotLoop<'a, S: SlotProcessor> {
+pub struct SlotLoop<S: SlotProcessor> {
     context: ServiceContext,
-    inputs: &'a [&'a dyn SlotInput<S::Input>],
+    inputs: SlotInputs<S::Input>,
     service: SlotService<S>,
     output: Publisher<S::Output>,
     checkpoints: Publisher<Checkpoint>,
@@ -48,19 +59,13 @@ pub struct SlotLoop<'a, S: SlotProcessor> {
     max_polls: usize,
 }
 
-impl<'a, S: SlotProcessor> SlotLoop<'a, S> {
+impl<S: SlotProcessor> SlotLoop<S> {
     /// Opens the topics of the service and reports that it is ready.
-    ///
-    /// `inputs` are in the order in which the slot numbers its inputs.
     ///
     /// # Errors
     ///
     /// Fails if the bus fails.
-    pub fn start(
-        context: ServiceContext,
-        slot: S,
-        inputs: &'a [&'a dyn SlotInput<S::Input>],
-    ) -> Result<Self, RuntimeError> {
+    pub fn start(context: ServiceContext, slot: S, inputs: SlotInputs<S::Input>) -> Result<Self, RuntimeError> {
         let input_tick = inputs.iter().map(|input| input.next_tick()).max().unwrap_or(0);
         let output: Publisher<S::Output> = context.publisher()?;
         let (service, resume_error) = SlotService::new(slot, &context.config, input_tick, output.next_tick());
@@ -85,27 +90,6 @@ impl<'a, S: SlotProcessor> SlotLoop<'a, S> {
         slot_loop.publish_health(State::READY)?;
         slot_loop.context.bus.wake_all();
         Ok(slot_loop)
-    }
-
-    /// Handles all available messages and decisions, and publishes what is due.
-    ///
-    /// # Errors
-    ///
-    /// Fails if the bus fails or the stage fails permanently.
-    pub fn run_round(&mut self) -> Result<(), RuntimeError> {
-        self.poll()?;
-        self.apply_decisions()?;
-        self.publish_checkpoint()?;
-        let state = if self.service.ticks() > 0 { State::RUNNING } else { State::READY };
-        self.publish_health(state)
-    }
-
-    /// Sleeps until the input that the next output is waiting for has a message, or until the
-    /// maximum sleep time has passed.
-    pub fn wait(&mut self) {
-        if let Some(awaited) = self.inputs.get(self.service.awaited_input()) {
-            self.context.wait(*awaited);
-        }
     }
 
     /// Reads the inputs and publishes the outputs of ticks that the service owns.
@@ -178,12 +162,32 @@ impl<'a, S: SlotProcessor> SlotLoop<'a, S> {
         let Self { context, inputs, service, .. } = self;
         context.publish_health(state, |health| {
             service.fill_health(health);
-            for input in *inputs {
+            for input in inputs.iter() {
                 let [duplicated, repeated] = input.repeated();
                 health.duplicated += duplicated;
                 health.repeated += repeated;
             }
         })
+    }
+}
+
+impl<S: SlotProcessor> ServiceLoop for SlotLoop<S> {
+    fn run_round(&mut self) -> Result<(), RuntimeError> {
+        self.poll()?;
+        self.apply_decisions()?;
+        self.publish_checkpoint()?;
+        let state = if self.service.ticks() > 0 { State::RUNNING } else { State::READY };
+        self.publish_health(state)
+    }
+
+    fn wait(&mut self) {
+        if let Some(awaited) = self.inputs.get(self.service.awaited_input()) {
+            self.context.wait(&**awaited);
+        }
+    }
+
+    fn should_stop(&mut self) -> bool {
+        self.context.should_stop()
     }
 }
 

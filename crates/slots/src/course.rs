@@ -19,7 +19,8 @@ use host::AnyStage;
 use launch::Slot;
 use messages::{AttitudeOutput, Flags, FusedState, GnssFix, Header};
 use runtime::{
-    Join, Joined, RuntimeError, Sequence, ServiceConfig, SlotProcessor, convert, join::MAX_QUEUED, join_inputs, stage,
+    Join, Joined, RuntimeError, Sequence, ServiceConfig, ServiceContext, SlotInputs, SlotProcessor, convert,
+    join::MAX_QUEUED, join_inputs, stage,
 };
 
 use crate::true_north::TrueNorth;
@@ -74,6 +75,15 @@ pub fn slot(config: &ServiceConfig) -> Result<CourseSlot, RuntimeError> {
         north: TrueNorth::new(&config.launch.north)
             .map_err(|cause| RuntimeError::StageFailed { slot: Slot::Course, cause })?,
     })
+}
+
+/// Subscribes to the inputs of the slot.
+///
+/// # Errors
+///
+/// Returns an error if the bus fails.
+pub fn subscribe(context: &ServiceContext) -> Result<SlotInputs<CourseMessage>, RuntimeError> {
+    Ok(vec![Box::new(context.ordered_subscriber::<FusedState>()?), Box::new(context.subscriber::<GnssFix>()?)])
 }
 
 impl SlotProcessor for CourseSlot {

@@ -19,7 +19,7 @@ use host::AnyStage;
 use launch::{Service, Slot};
 use messages::{AccelPoint, Control, Flags, FusedState, GnssFix, GyroStep, MagSample, Ticked};
 use runtime::{
-    Join, Joined, RuntimeError, Sequence, ServiceConfig, SlotProcessor,
+    Join, Joined, RuntimeError, Sequence, ServiceConfig, ServiceContext, SlotInputs, SlotProcessor,
     convert::{self, chart_to_payload, complex_to_payload, course_reference_to_payload, finite_vector},
     join::MAX_QUEUED,
     join_inputs, stage,
@@ -94,6 +94,21 @@ pub fn slot(config: &ServiceConfig) -> Result<FuserSlot, RuntimeError> {
     }
     let join = Join::new(Inputs::default(), config.lateness_ticks());
     Ok(FuserSlot { join, fuser: SupervisedFuser::new(stage) })
+}
+
+/// Subscribes to the inputs of the slot.
+///
+/// # Errors
+///
+/// Returns an error if the bus fails.
+pub fn subscribe(context: &ServiceContext) -> Result<SlotInputs<FuserMessage>, RuntimeError> {
+    Ok(vec![
+        Box::new(context.ordered_subscriber::<GyroStep>()?),
+        Box::new(context.ordered_subscriber::<AccelPoint>()?),
+        Box::new(context.subscriber::<MagSample>()?),
+        Box::new(context.subscriber::<GnssFix>()?),
+        Box::new(context.control()?),
+    ])
 }
 
 impl SlotProcessor for FuserSlot {

@@ -17,3 +17,33 @@ pub mod course;
 pub mod fuser;
 pub mod gyro;
 mod true_north;
+
+use launch::Slot;
+use runtime::{RuntimeError, ServiceContext, ServiceLoop, SlotLoop};
+
+/// Starts the main loop of the service of a slot.
+///
+/// # Errors
+///
+/// Returns an error if the configuration is invalid, the stage cannot be built, or the bus fails.
+pub fn start(slot: Slot, context: ServiceContext) -> Result<Box<dyn ServiceLoop>, RuntimeError> {
+    let config = &context.config;
+    Ok(match slot {
+        Slot::Gyro => {
+            let (slot, inputs) = (gyro::slot(config)?, gyro::subscribe(&context)?);
+            Box::new(SlotLoop::start(context, slot, inputs)?)
+        }
+        Slot::Accel => {
+            let (slot, inputs) = (accel::slot(config)?, accel::subscribe(&context)?);
+            Box::new(SlotLoop::start(context, slot, inputs)?)
+        }
+        Slot::Fuser => {
+            let (slot, inputs) = (fuser::slot(config)?, fuser::subscribe(&context)?);
+            Box::new(SlotLoop::start(context, slot, inputs)?)
+        }
+        Slot::Course => {
+            let (slot, inputs) = (course::slot(config)?, course::subscribe(&context)?);
+            Box::new(SlotLoop::start(context, slot, inputs)?)
+        }
+    })
+}

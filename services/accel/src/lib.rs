@@ -1,8 +1,7 @@
 //! The service `accel`: runs the slot [`slots::accel`] as a process on the bus.
 #![forbid(unsafe_code)]
 
-use launch::Service;
-use messages::ImuSample;
+use launch::{Service, Slot};
 use runtime::{RuntimeError, ServiceContext, serve};
 
 /// Runs the service until it is requested to stop.
@@ -11,8 +10,5 @@ use runtime::{RuntimeError, ServiceContext, serve};
 ///
 /// Returns an error if the service cannot join the system, build its stage or continue.
 pub fn run() -> Result<(), RuntimeError> {
-    let context = ServiceContext::join(Service::Accel)?;
-    let slot = slots::accel::slot(&context.config)?;
-    let imu = context.subscriber::<ImuSample>()?;
-    serve(context, slot, &[&imu])
+    serve(&mut *slots::start(Slot::Accel, ServiceContext::join(Service::Accel)?)?)
 }

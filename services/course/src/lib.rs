@@ -1,8 +1,7 @@
 //! The service `course`: runs the slot [`slots::course`] as a process on the bus.
 #![forbid(unsafe_code)]
 
-use launch::Service;
-use messages::{FusedState, GnssFix};
+use launch::{Service, Slot};
 use runtime::{RuntimeError, ServiceContext, serve};
 
 /// Runs the service until it is requested to stop.
@@ -11,8 +10,5 @@ use runtime::{RuntimeError, ServiceContext, serve};
 ///
 /// Returns an error if the configuration is invalid, or if the bus or the stage fails.
 pub fn run() -> Result<(), RuntimeError> {
-    let context = ServiceContext::join(Service::Course)?;
-    let slot = slots::course::slot(&context.config)?;
-    let (fused, gnss) = (context.ordered_subscriber::<FusedState>()?, context.subscriber::<GnssFix>()?);
-    serve(context, slot, &[&fused, &gnss])
+    serve(&mut *slots::start(Slot::Course, ServiceContext::join(Service::Course)?)?)
 }
