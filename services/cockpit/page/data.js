@@ -83,7 +83,6 @@ export class Data {
     /** Snapshots of a recording, each with the frame of the same number. @type {Message[]} */ this.recording = [];
     /** Number of the recording's frame shown. */ this.position = 0;
     /** Time up to which a recording has been played, s. */ this.played_to = 0;
-    /** Lines of the strips that are hidden, as `title/name`. @type {Set<string>} */ this.hiddenLines = new Set();
     /** Number of bytes received. */ this.bytes = 0;
   }
 

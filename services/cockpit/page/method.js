@@ -32,11 +32,11 @@ export class Method {
     for (const panel of [sphere, plane]) panel.append(legend([["●", "c-fused", "fused"], ["○", "c-gyro", "gyro only"], ["∴", "c-accel", "accelerometer"], ["◌", "c-ink", "reference"]])[0]);
     sphere.append(this.note);
     const deg = 1 / DEGREE;
-    this.strips = new Strips(strips, data, [
+    this.strips = new Strips(strips, data, "method", [
       ...["u", "v"].map((part) => ({ title: part, unit: "–", scale: 1, digits: 3, lines: [line(`${part}_accel`, "accelerometer", "accel", "dots"), line(`${part}_gyro`, "gyro", "gyro"), line(part, "fused", "fused")] })),
-      { title: "z", unit: "°", scale: deg, digits: 1, wraps: true, lines: [line("z_gyro_rad", "gyro", "gyro"), line("z_rad", "fused", "fused")] },
-      { title: "innovation", unit: "°", scale: deg, digits: 2, least: 0, most: 180, lines: [line("innovation_rad", "accelerometer − fused", "accel")] },
-      { title: "std. dev.", unit: "°", scale: deg, digits: 2, least: 0, most: 180, lines: [line("inclination_sd_rad", "inclination", "fused"), line("course_sd_rad", "course", "axis-z", "dashed")] },
+      { title: "z", unit: "°", scale: deg, digits: 1, least: -180, most: 180, wraps: true, lines: [line("z_gyro_rad", "gyro", "gyro"), line("z_rad", "fused", "fused")] },
+      { title: "innovation", unit: "°", scale: deg, digits: 2, least: 0, most: 180, robust: true, lines: [line("innovation_rad", "accelerometer − fused", "accel")] },
+      { title: "std. dev.", unit: "°", scale: deg, digits: 2, least: 0, most: 180, robust: true, lines: [line("inclination_sd_rad", "inclination", "fused"), line("course_sd_rad", "course", "axis-z", "dashed")] },
       { title: "gyro bias", unit: "°/s", scale: deg, digits: 3, lines: axisLines("bias", "rad_s") },
     ]);
     /** Content shown, for tests. @type {Record<string, any>} */ this.drawn = {};

@@ -43,7 +43,7 @@ export class System {
     this.parameters = new Parameters(parameters);
     const label = (/** @type {string} */ text, /** @type {HTMLElement} */ inner) => element("label", "", `${text} `, inner, " ");
     const strips = element("div", "panel short");
-    this.strips = new Strips(strips, data, [{ title: "latency", unit: "ms", scale: 1e3, digits: 3, least: 0, lines: [line("latency_s", "end to end", "fused")] }]);
+    this.strips = new Strips(strips, data, "system", [{ title: "latency", unit: "ms", scale: 1e3, digits: 3, least: 0, lines: [line("latency_s", "end to end", "fused")] }]);
     parent.replaceChildren(
       element("h2", "", "Services"),
       element("div", "scrolls", table("services", COLUMNS, this.services)),
@@ -185,8 +185,8 @@ export class System {
     }
     const runs = this.showParameters();
     this.strips.draw();
-    const shadow = this.shadowOf(this.slot.value);
-    for (const button of this.buttons) button.disabled = !standing.takes_commands || (this.isWaiting && this.data.link === "open") || (button.id === "promote" && !shadow) || (button.id === "swap" && runs && !this.parameters.isChanged());
+    const shadow = this.shadowOf(this.slot.value), hasCandidate = shadow || services.some(({ status }) => status?.service === this.slot.value && status.state === "candidate");
+    for (const button of this.buttons) button.disabled = !standing.takes_commands || (this.isWaiting && this.data.link === "open") || (button.id === "promote" && !shadow) || (button.id === "cancel" && !hasCandidate) || (button.id === "swap" && runs && !this.parameters.isChanged());
     write(this.buttons[0], runs ? "Set parameters…" : "Swap…");
     this.drawn = { services: services.map((service) => [service.status?.service, service.status?.state, service.status?.stage, service.status?.restarts]), events: events.length };
     fillTable(this.services, services.map(serviceCells), COLUMNS.map(([, className]) => className));

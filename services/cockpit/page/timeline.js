@@ -21,8 +21,15 @@ export class Timeline {
     this.frame = select("frame", Object.keys(FRAMES).map((name) => [name, name]));
     this.copyStatus = element("span", "c-quiet");
     this.copyStatus.setAttribute("role", "status");
+    /** Strips of the view; null if it has none. @type {import("./strips.js").Strips | null} */ this.strips = null;
+    this.view = "";
+    this.choices = element("div", "choices");
+    this.choices.popover = "auto";
+    this.signals = button("signals", "Signals", () => {});
+    this.signals.popoverTargetElement = this.choices;
+    this.copyPictureButton = button("copy-picture", "Copy picture", () => void this.copyPicture());
     parent.append(this.canvas, element("div", "controls", this.description, this.copyStatus,
-      button("zoom-in", "+", () => data.zoom(0.5)), button("zoom-out", "−", () => data.zoom(2)), button("copy-values", "Copy values", () => void this.copyValues()), button("copy-quaternion", "Copy quaternion", () => void this.copyQuaternion()), element("label", "", "in ", this.frame)));
+      button("zoom-in", "+", () => data.zoom(0.5)), button("zoom-out", "−", () => data.zoom(2)), this.signals, this.copyPictureButton, button("copy-values", "Copy values", () => void this.copyValues()), button("copy-quaternion", "Copy quaternion", () => void this.copyQuaternion()), element("label", "", "in ", this.frame)), this.choices);
     this.canvas.addEventListener("click", (event) => {
       const near = this.nearestEvent(event.offsetX);
       const part = (event.offsetX - LEFT) / (this.canvas.clientWidth - LEFT - RIGHT);
@@ -32,6 +39,14 @@ export class Timeline {
     this.from = 0;
     this.to = 0;
     /** Events shown, for tests. @type {{ label: string, kind: string, t: number, x: number }[]} */ this.drawn = [];
+  }
+
+  /** Shows the controls of a view's strips. @param {import("./strips.js").Strips | null} strips @param {string} view */
+  setStrips(strips, view) {
+    this.strips = strips;
+    this.view = view;
+    this.signals.hidden = this.copyPictureButton.hidden = !strips;
+    this.choices.replaceChildren(...(strips ? [strips.choices] : []));
   }
 
   /** Returns the time span: that of the strips, or the whole recording. @returns {[number, number]} */
@@ -131,6 +146,23 @@ export class Timeline {
   async copyQuaternion() {
     const q = quaternion(this.data.shown()?.picture.attitude?.quaternion);
     if (q) await this.copy(FRAMES[this.frame.value](q).join(", "), `w, x, y, z in ${this.frame.value}`);
+  }
+
+  /** Copies a picture of the strips, or saves it if the browser denies access to the clipboard. */
+  async copyPicture() {
+    if (!this.strips) return;
+    const picture = this.strips.picture();
+    try {
+      await navigator.clipboard.write([new ClipboardItem({ "image/png": picture })]);
+      this.copyStatus.textContent = "copied: picture";
+    } catch {
+      const link = element("a", "");
+      link.download = `${this.data.standing.system || "plumbline"}-${this.view}.png`;
+      link.href = URL.createObjectURL(await picture);
+      link.click();
+      URL.revokeObjectURL(link.href);
+      this.copyStatus.textContent = `saved: ${link.download}`;
+    }
   }
 
   /** @param {string} text @param {string} what */
