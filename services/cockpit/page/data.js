@@ -260,7 +260,7 @@ export class Data {
 
   /** Returns a time of the source's clock as displayed. @param {number} t s */
   timeText(t) {
-    return `${(t - this.origin()).toFixed(2)} s`;
+    return `${(t - this.origin()).toFixed(2).replace(/^-0\.00$/, "0.00").replace("-", "−")} s`;
   }
 
   /** Returns the start and the end of the time span shown, s. @returns {[number, number]} */

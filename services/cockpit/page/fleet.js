@@ -114,8 +114,8 @@ const hasLost = ({ lost_ticks, lost_messages }) => lost_ticks > 0 || lost_messag
 /** @param {Message} line */
 const hasProblem = (line) => isOld(line) || hasLost(line);
 
-/** Returns the class of a column; numbers are aligned to the right. @param {string} name */
-const columnClass = (name) => (["", "vehicle", "stage", "services"].includes(name) ? "" : "number");
+/** Returns the classes of a column. Numbers are aligned to the right; details are hidden on small screens. @param {string} name */
+const columnClass = (name) => [["", "vehicle", "stage", "services"].includes(name) ? "" : "number", ["roll", "pitch", "stage", "services"].includes(name) ? "detail" : ""].join(" ").trim();
 
 /** Draws a small horizon. @param {HTMLCanvasElement} canvas @param {[number, number] | null} angles Pitch and roll, rad */
 function drawGlyph(canvas, angles) {

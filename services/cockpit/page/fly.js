@@ -12,9 +12,9 @@ import { Strips, axisLines, line, signed } from "./strips.js";
 /** @typedef {import("./attitude.js").Quat} Quat */
 
 const AXES = /** @type {[string, Vec][]} */ ([["x", [1, 0, 0]], ["y", [0, 1, 0]], ["z", [0, 0, 1]]]);
-const RING = [...Array(65).keys()].map((i) => /** @type {Vec} */ ([1.5 * Math.cos((i * Math.PI) / 32), 1.5 * Math.sin((i * Math.PI) / 32), 0]));
-/** Width of the bank scale around the horizon, px. */
-const BANK_PX = 22;
+const RING = [...Array(65).keys()].map((i) => /** @type {Vec} */ ([1.3 * Math.cos((i * Math.PI) / 32), 1.3 * Math.sin((i * Math.PI) / 32), 0]));
+/** Space for the bank scale around the horizon, px. */
+const BANK_PX = 30;
 /** Bank angles that the scale marks, and the two with a number, °. */
 const BANK_DEG = [10, 20, 30, 45, 60], NUMBERED_BANK_DEG = [30, 60];
 
@@ -34,7 +34,7 @@ export class Fly {
     side.append(horizon, rose, element("table", "big", this.values));
     grid.append(scene, side, strips);
     parent.replaceChildren(grid);
-    this.scene = new Scene(scene, 4.7, 0.34, 3.2);
+    this.scene = new Scene(scene, 4.1, 0.28, 3.2);
     const [list, ghosts] = legend([["━", "c-fused", "fused"], ["╌", "c-ink", "reference"], ["─", "c-gyro", "gyro only"], ["┄", "c-shadow", "shadow"]]);
     this.ghosts = ghosts;
     this.note = element("p", "note");
@@ -80,15 +80,15 @@ export class Fly {
     scene.begin();
     scene.line(RING, tint("line"), 0.8);
     for (const [name, axis] of AXES) {
-      scene.line([[0, 0, 0], /** @type {Vec} */ (axis.map((part) => part * 1.5))], tint(`axis-${name}`), 0.7);
-      const end = /** @type {Vec} */ (axis.map((part) => part * 1.62));
+      scene.line([[0, 0, 0], /** @type {Vec} */ (axis.map((part) => part * 1.3))], tint(`axis-${name}`), 0.7);
+      const end = /** @type {Vec} */ (axis.map((part) => part * 1.4));
       scene.label(end, { x: "east x", y: "north y", z: "up z" }[name] ?? name, `c-${name}`);
     }
     if (shadow) {
-      for (const [, axis] of AXES) scene.line(dashPoints(rotate(shadow, axis), 1.4), tint("shadow"), 1.2, true);
+      for (const [, axis] of AXES) scene.line(dashPoints(rotate(shadow, axis), 1.25), tint("shadow"), 1.2, true);
       for (const shape of body) scene.line([...shape, shape[0]].map((point) => rotate(shadow, point)), tint("shadow", 0.8), 0.6);
     }
-    if (truth) for (const [, axis] of AXES) scene.line(dashPoints(rotate(truth, axis), 1.3), tint("ink"), 0.9, true);
+    if (truth) for (const [, axis] of AXES) scene.line(dashPoints(rotate(truth, axis), 1.22), tint("ink"), 0.9, true);
     if (gyro) for (const [, axis] of AXES) scene.line([[0, 0, 0], /** @type {Vec} */ (rotate(gyro, axis).map((part) => part * 1.1))], tint("gyro"), 0.9);
     if (own) {
       const light = [0.35, -0.5, 0.8];
@@ -100,7 +100,7 @@ export class Fly {
         scene.triangle(a, b, c, [r * bright, g * bright, blue * bright, 1]);
       }
       for (const [name, axis] of AXES) {
-        const end = /** @type {Vec} */ (rotate(own, axis).map((part) => part * 1.25));
+        const end = /** @type {Vec} */ (rotate(own, axis).map((part) => part * 1.18));
         scene.line([[0, 0, 0], end], tint("fused"), 1.6);
         scene.label(end, { x: "right", y: "nose", z: "top" }[name] ?? "", "c-fused");
       }
@@ -114,8 +114,8 @@ export class Fly {
     const prepared = prepareCanvas(this.horizon);
     if (!prepared) return;
     const [context, width, height] = prepared;
-    // The bank scale surrounds the disc.
-    const r = Math.min(width / 2 - 4, height * 0.47) - BANK_PX, [x, y] = [width / 2, height / 2 + BANK_PX / 2];
+    // The bank scale is above the disc.
+    const r = Math.min(width / 2 - BANK_PX, (height - BANK_PX - 6) / 2), [x, y] = [width / 2, BANK_PX + r];
     context.save();
     context.beginPath(); context.arc(x, y, r, 0, 7); context.clip();
     context.fillStyle = colour("panel");
@@ -136,7 +136,8 @@ export class Fly {
         const half = mark === 0 ? 3 * r : mark % 30 === 0 ? 0.3 * r : 0.16 * r;
         const at = -mark * DEGREE * scale;
         strokeLine(context, -half, at, half, at);
-        if (mark && mark % 30 === 0) context.fillText(`${mark < 0 ? "−" : ""}${Math.abs(mark)}°`, -half - 5, at);
+        // A text near the edge would be cut off.
+        if (mark && mark % 30 === 0 && Math.abs(at + pitch * scale) < 0.62 * r) context.fillText(`${mark < 0 ? "−" : ""}${Math.abs(mark)}°`, -half - 5, at);
       }
     }
     context.restore();

@@ -26,7 +26,7 @@ export class Sensors {
     const [calibration, mounting] = [section("Calibration"), section("Mounting check")];
     parent.replaceChildren(
       element("div", "columns",
-        section("Latest samples, body axes: right, forward, up", table("", COLUMNS, this.values), element("h3", "", "Flags of the latest sample"), this.flags),
+        section("Latest samples, body axes: right, forward, up", table("samples", COLUMNS, this.values), element("h3", "", "Flags of the latest sample"), this.flags),
         section("Input checks", this.warnings)),
       strips,
       element("div", "columns", calibration, mounting));

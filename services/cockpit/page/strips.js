@@ -17,7 +17,7 @@ export const axisLines = (quantity, unit) => ["x", "y", "z"].map((axis) => line(
 /** Horizontal movement from which a press selects a time span, px. */
 const MIN_BRUSH_PX = 6;
 /** Minimum distance between two labels of the value axis and of the time axis, px. */
-const MIN_ROW_PX = 17, MIN_COLUMN_PX = 90;
+const MIN_ROW_PX = 17, MIN_COLUMN_PX = 66;
 
 /** Names of the strips and lines that are hidden. The browser remembers them. @type {Set<string>} */
 const hidden = new Set((stored("localStorage", "hidden") ?? "").split("\n").filter(Boolean));
@@ -33,6 +33,7 @@ export class Strips {
     this.canvas.tabIndex = 0;
     panel.classList.add("strips");
     panel.append(this.canvas);
+    panel.style.setProperty("--strips", String(strips.length));
     /** Start of a drag and its present end, px. @type {[number, number] | null} */ this.brush = null;
     this.canvas.addEventListener("pointerdown", (event) => { this.canvas.setPointerCapture(event.pointerId); this.brush = [event.offsetX, event.offsetX]; });
     this.canvas.addEventListener("pointermove", (event) => { if (this.brush) this.brush[1] = event.offsetX; });
@@ -282,7 +283,7 @@ export class Strips {
         if (bins[2 * x + 1] > largest) [largest, place] = [bins[2 * x + 1], x];
       }
     }
-    const text = `▲ up to ${(largest * strip.scale).toFixed(strip.digits)} ${strip.unit}`, width = context.measureText(text).width + 8;
+    const text = `▲ up to ${(largest * strip.scale).toFixed(strip.digits)}${strip.unit === "°" ? "" : " "}${strip.unit}`, width = context.measureText(text).width + 8;
     const left = LEFT + Math.min(place + 4, this.binned[0].length / 2 - width);
     context.fillStyle = colour("panel");
     context.fillRect(left, top + 4, width, 17);

@@ -94,8 +94,6 @@ export class Timeline {
     context.fillText("flags", 8, 15 + ROW_PX);
     const shown = data.events.filter(({ t, until }) => t !== null && (until ?? t) >= this.from && t <= this.to);
     this.drawn = [];
-    // Labels are placed from the newest to the oldest; one without room is left out.
-    const taken = [width, width];
     const marks = shown.map((event) => {
       const row = event.kind === "FLAG" ? 1 : 0, y = 3 + row * ROW_PX, x = Math.max(LEFT, this.x(event.t ?? 0));
       const length = event.until === null ? 0 : this.x(event.until) - x;
@@ -106,17 +104,23 @@ export class Timeline {
       else context.fillRect(x - 2, y + 2, 4, 12);
       return { event, row, y, x, length, style };
     });
-    // Labels are drawn over all marks.
-    for (const { event, row, y, x, length, style } of marks.reverse()) {
-      context.fillStyle = style;
-      const from = x + Math.max(length, 5) + 4, textWidth = context.measureText(event.label).width, end = taken[row];
-      taken[row] = Math.min(taken[row], x - 6);
-      if (from + textWidth + 6 <= end) context.fillText(event.label, from, y + 12);
-      else if (x - 9 <= end && x - textWidth - 9 > LEFT) {
-        context.fillText(event.label, x - textWidth - 9, y + 12);
-        taken[row] = x - textWidth - 15;
+    // Labels are placed from the newest to the oldest, right or left of their marks. One without room is left out.
+    for (const row of [0, 1]) {
+      const ofRow = marks.filter((mark) => mark.row === row).sort((a, b) => a.x - b.x);
+      let end = width;
+      for (let at = ofRow.length - 1; at >= 0; at--) {
+        const { event, y, x, length, style } = ofRow[at], before = ofRow[at - 1];
+        const from = x + Math.max(length, 5) + 4, textWidth = context.measureText(event.label).width, left = x - textWidth - 9;
+        context.fillStyle = style;
+        if (from + textWidth + 6 <= end) {
+          context.fillText(event.label, from, y + 12);
+          end = x - 6;
+        } else if (x - 9 <= end && left > (before ? before.x + Math.max(before.length, 5) + 4 : LEFT)) {
+          context.fillText(event.label, left, y + 12);
+          end = left - 6;
+        } else end = Math.min(end, x - 6);
+        this.drawn.push({ label: event.label, kind: event.kind, t: event.t ?? 0, x });
       }
-      this.drawn.push({ label: event.label, kind: event.kind, t: event.t ?? 0, x });
     }
     const at = data.shown()?.t;
     if (at !== undefined && (data.cursor !== null || data.recording.length)) {
