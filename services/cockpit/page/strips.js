@@ -53,7 +53,8 @@ export class Strips {
     /** Axis of each strip drawn last, its lines, the largest step within a line and the largest value that is cut off, in the unit of the strip, for tests. @type {{ title: string, least: number, most: number, ticks: number[], largest_step: number, cut_off: number | null, lines: string[] }[]} */ this.drawn = [];
     /** Value of each line in the legend. @type {HTMLElement[]} */ this.values = [];
     /** Entries of the legend. @type {HTMLButtonElement[]} */ this.entries = [];
-    this.legends = strips.map((strip) => element("div", "", ...strip.lines.map((line) => this.legendEntry(strip, line))));
+    /** Largest value that is cut off, for each strip. */ this.cutOffs = strips.map(() => element("span", "cut-off number"));
+    this.legends = strips.map((strip, number) => element("div", "", ...strip.lines.map((line) => this.legendEntry(strip, line)), this.cutOffs[number]));
     panel.append(element("div", "strip-legends", ...this.legends));
     /** Controls that select strips and lines. */
     this.choices = element("div", "", ...strips.map((strip) => element("fieldset", "", this.choice(strip), ...(strip.lines.length > 1 ? strip.lines.map((line) => this.choice(strip, line)) : []))));
@@ -125,7 +126,7 @@ export class Strips {
     context.font = FONT;
     context.textBaseline = "middle";
     const { left, top } = canvas.getBoundingClientRect();
-    for (const entry of this.entries.filter((entry) => entry.checkVisibility() && entry.getAttribute("aria-pressed") === "true")) {
+    for (const entry of [...this.entries, ...this.cutOffs].filter((entry) => entry.checkVisibility() && entry.getAttribute("aria-pressed") !== "false")) {
       const place = entry.getBoundingClientRect();
       context.fillStyle = getComputedStyle(entry).color;
       context.fillText(entry.textContent ?? "", place.left - left + 6, (place.top + place.bottom) / 2 - top);
@@ -196,6 +197,8 @@ export class Strips {
     [least, most] = [least * strip.scale, most * strip.scale];
     const largest = most;
     if (strip.robust) most = Math.min(most, robustMost(binned) * strip.scale);
+    const unit = strip.unit === "°" ? "°" : ` ${strip.unit}`;
+    write(this.cutOffs[this.strips.indexOf(strip)], largest > most ? `▲ up to ${largest.toFixed(strip.digits)}${unit}` : "");
     context.strokeStyle = colour("line");
     context.strokeRect(LEFT, from + 0.5, inner, to - from);
     context.textAlign = "left";
@@ -266,30 +269,18 @@ export class Strips {
     context.restore();
     if (largest > most) {
       drawn.cut_off = largest;
-      this.markCutOff(context, strip, lines, most / strip.scale, from);
+      this.markCutOff(context, lines, most / strip.scale, from);
     }
     return drawn;
   }
 
-  /** Marks the values above an axis, and shows the largest one. @param {CanvasRenderingContext2D} context @param {Strip} strip @param {Line[]} lines @param {number} most End of the axis @param {number} top px */
-  markCutOff(context, strip, lines, most, top) {
-    let largest = -Infinity, place = 0;
+  /** Marks the values above an axis. @param {CanvasRenderingContext2D} context @param {Line[]} lines @param {number} most End of the axis @param {number} top px */
+  markCutOff(context, lines, most, top) {
     for (const line of lines) {
       const bins = this.binned[this.lines.indexOf(line)];
       context.fillStyle = colour(line.colour);
-      for (let x = 0; 2 * x < bins.length; x++) {
-        if (!(bins[2 * x + 1] > most)) continue;
-        context.fillRect(LEFT + x, top - 1, 1, 4);
-        if (bins[2 * x + 1] > largest) [largest, place] = [bins[2 * x + 1], x];
-      }
+      for (let x = 0; 2 * x < bins.length; x++) if (bins[2 * x + 1] > most) context.fillRect(LEFT + x, top - 1, 1, 4);
     }
-    const text = `▲ up to ${(largest * strip.scale).toFixed(strip.digits)}${strip.unit === "°" ? "" : " "}${strip.unit}`, width = context.measureText(text).width + 8;
-    const left = LEFT + Math.min(place + 4, this.binned[0].length / 2 - width);
-    context.fillStyle = colour("panel");
-    context.fillRect(left, top + 4, width, 17);
-    context.fillStyle = colour("ink");
-    context.textAlign = "left";
-    context.fillText(text, left + 4, top + 17);
   }
 
   /** Computes the minimum and maximum of each line per pixel, NaN if empty. One pass through the frames serves all lines. @param {number} count */
