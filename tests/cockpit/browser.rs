@@ -201,6 +201,16 @@ impl Page {
         self.request(&json!({ "do": "click", "at": at }));
     }
 
+    /// Loads the page again.
+    pub(crate) fn reload(&mut self) {
+        self.request(&json!({ "do": "reload" }));
+    }
+
+    /// Loads the page again in a browser that denies access to its storage.
+    pub(crate) fn reload_without_storage(&mut self) {
+        self.request(&json!({ "do": "reload", "denied": true }));
+    }
+
     /// Saves a screenshot below the target folder, for visual inspection, and returns its path.
     pub(crate) fn shot(&mut self, name: &str) -> PathBuf {
         let folder = Path::new(env!("CARGO_TARGET_TMPDIR")).join("cockpit-screens");

@@ -72,6 +72,14 @@ const verbs = {
   },
   async key({ page }, { key }) { await page.keyboard.press(key); return null; },
   async click({ page }, { at }) { await page.click(at); return null; },
+  /** Loads the page again; with `denied`, the browser denies access to its storage. */
+  async reload({ page }, { denied }) {
+    if (denied) await page.addInitScript(() => {
+      for (const name of ["localStorage", "sessionStorage"]) Object.defineProperty(globalThis, name, { get() { throw new DOMException("denied", "SecurityError"); } });
+    });
+    await page.reload();
+    return null;
+  },
   async shot({ page }, { file }) { await page.screenshot({ path: file }); return null; },
   async heap({ page }) {
     const session = await page.context().newCDPSession(page);

@@ -51,6 +51,21 @@ fn all_vehicles_are_listed_and_selected_one_is_shown() {
     page.until("plumb.drawn()?.vehicles?.some(({ vehicle, old }) => vehicle === 'boat' && old)");
     page.until("plumb.drawn().vehicles.some(({ vehicle, old }) => vehicle === 'drone' && !old)");
     page.shot("fleet-gone.png");
+    // Fifty vehicles, one without a connection, are summarized, filtered and sorted.
+    page.eval(
+        "(() => {
+            const [line] = plumb.data.standing.vehicles.filter(({ vehicle }) => vehicle === 'drone');
+            const vehicles = [...Array(50).keys()].map((at) => ({ ...line, vehicle: `drone-${at}`, lives: at !== 30, age_s: 0.5, lost_ticks: 0, lost_messages: 0 }));
+            const standing = { ...plumb.data.standing, vehicles };
+            Object.defineProperty(plumb.data, 'standing', { get: () => standing, set() {} });
+        })()",
+    );
+    page.until("plumb.drawn()?.summary === '50 vehicles: 49 current, 0 old, 1 unreachable; 0 with losses'");
+    page.click("#problems-first");
+    page.until("plumb.drawn().vehicles[0].vehicle === 'drone-30' && document.querySelector('[data-vehicle]').dataset.vehicle === 'drone-30'");
+    page.shot("fleet-fifty.png");
+    page.eval("document.getElementById('filter').value = '-4'");
+    page.until("plumb.drawn().vehicles.length === 11 && document.querySelectorAll('[data-vehicle]').length === 11");
     page.assert_clean();
     view.stop();
     drone_runs.interrupt();

@@ -216,7 +216,8 @@ fn shadow_is_drawn_at_its_reported_difference() {
     page.until("plumb.state().kind === 'live' && plumb.drawn()?.quaternion");
     assert_eq!(page.eval("plumb.drawn().shadow"), Value::Null);
     page.key("4");
-    page.until("document.getElementById('slot').value === 'fuser'");
+    page.until("document.getElementById('slot').value === 'fuser' && !document.getElementById('shadow').disabled");
+    assert_eq!(page.eval("document.getElementById('cancel').disabled"), true, "there is no shadow");
     page.eval("document.getElementById('stage').value = 'vqf'");
     page.click("#shadow");
     page.click("#yes");
@@ -250,6 +251,7 @@ fn shadow_is_drawn_at_its_reported_difference() {
     page.until("!document.getElementById('promote').disabled");
     page.click("#cancel");
     page.click("#yes");
+    page.until("document.getElementById('cancel').disabled");
     page.key("1");
     page.until("plumb.drawn() && !plumb.drawn().shadow && plumb.state().kind === 'live'");
     let fuser = system.ps().into_iter().find(|one| one["service"] == "fuser").unwrap();
@@ -516,12 +518,82 @@ fn views_have_addresses_and_fit_small_screens() {
             page.shot(&format!("{view}-{}.png", size.0));
             let width = page.number("document.documentElement.scrollWidth");
             assert!(width <= f64::from(size.0), "{view}: {width} px at {size:?}");
+            let hidden_px =
+                page.number("(view => view.scrollWidth - view.clientWidth)(document.getElementById('view'))");
+            assert!(hidden_px <= 0.0, "{view}: {hidden_px} px are cut off at {size:?}");
+            if view == "sensors" {
+                let rows = page.eval("[...document.querySelectorAll('.samples tbody tr')].map((row) => row.hidden)");
+                assert_eq!(rows, serde_json::json!([false, false, true, true]), "no magnetometer, no receiver");
+            }
             let strip_px = page.number(
-                "document.querySelector('.strips > canvas').clientHeight / document.querySelectorAll('.strip-legends > div').length",
+                "document.querySelector('.strips > canvas').clientHeight / document.querySelectorAll('.strip-legends > div:not([hidden])').length",
             );
             assert!(strip_px >= 90.0, "{view}: strips of {strip_px} px at {size:?}");
         }
     }
+    page.assert_clean();
+    running.interrupt();
+    running.wait().assert_complete();
+}
+
+#[test]
+fn body_and_signals_are_selected_and_remembered() {
+    let (system, port) = with_cockpit_for_browser("");
+    let running = start_all(&system, &[]);
+    let Some(mut page) = Page::open(&address(&system, port)) else { return };
+    page.until("plumb.state().kind === 'live' && plumb.drawn()?.quaternion && plumb.strips().length === 3");
+    let select_boat =
+        "(body => { body.value = 'boat'; body.dispatchEvent(new Event('change')); })(document.getElementById('body'))";
+    page.eval(select_boat);
+    page.click("#signals");
+    page.click("[name='fly/rate']");
+    page.click("[name='fly/angles/pitch']");
+    let selected = "plumb.drawn()?.body === 'boat' && JSON.stringify(plumb.strips()?.map(({ lines }) => lines)) === '[[\"yaw\",\"roll\"],[\"error\",\"inclination sd\",\"shadow\"]]'";
+    page.until(selected);
+    // The other strips take the space of the hidden one.
+    page.until("document.querySelectorAll('.strip-legends > div:not([hidden])').length === 2");
+    // A body that rolls to the right sees the zenith on its left.
+    let bank = page.eval("(({ bank, roll_deg }) => [bank.marks_deg, bank.pointer_deg + roll_deg])(plumb.drawn())");
+    assert_eq!(bank[0], serde_json::json!([10, 20, 30, 45, 60]));
+    assert!(bank[1].as_f64().unwrap().abs() < 1e-9, "{bank}");
+
+    page.click("#copy-picture");
+    page.until("document.getElementById('timeline').textContent.includes('copied: picture')");
+    let read = "(async () => {
+        const [item] = await navigator.clipboard.read(), picture = await createImageBitmap(await item.getType('image/png'));
+        return [picture.width, document.querySelector('.strips > canvas').width];
+    })()";
+    let widths = page.eval(read);
+    assert_eq!(widths[0], widths[1], "{widths}");
+    page.eval("delete globalThis.ClipboardItem");
+    page.click("#copy-picture");
+    page.until("/saved: .*-fly\\.png/.test(document.getElementById('timeline').textContent)");
+
+    page.reload();
+    page.until(&format!("globalThis.plumb?.state().kind === 'live' && {selected}"));
+    // Without storage, the page has its defaults and still works.
+    page.reload_without_storage();
+    page.until("globalThis.plumb?.state().kind === 'live' && plumb.drawn()?.body === 'aeroplane' && plumb.strips()?.length === 3");
+    page.eval(select_boat);
+    page.until("plumb.drawn().body === 'boat'");
+    page.click(".strip-legends button");
+    page.until("plumb.strips()[0].lines.join() === 'pitch,roll'");
+
+    // Thick lines of one picture do not make the grid of the next one thick.
+    page.key("2");
+    page.eval(
+        "(() => {
+            const own = CanvasRenderingContext2D.prototype.stroke;
+            plumb.thickest = 0;
+            CanvasRenderingContext2D.prototype.stroke = function (...path) {
+                if (this.canvas.ariaLabel === 'Plane of w' && this.globalAlpha < 1) plumb.thickest = Math.max(plumb.thickest, this.lineWidth);
+                own.call(this, ...path);
+            };
+        })()",
+    );
+    page.until("plumb.view() === 'method' && plumb.thickest > 0");
+    page.wait_for_redraw();
+    assert_eq!(page.number("plumb.thickest"), 1.0);
     page.assert_clean();
     running.interrupt();
     running.wait().assert_complete();

@@ -83,7 +83,6 @@ export class Data {
     /** Snapshots of a recording, each with the frame of the same number. @type {Message[]} */ this.recording = [];
     /** Number of the recording's frame shown. */ this.position = 0;
     /** Time up to which a recording has been played, s. */ this.played_to = 0;
-    /** Lines of the strips that are hidden, as `title/name`. @type {Set<string>} */ this.hiddenLines = new Set();
     /** Number of bytes received. */ this.bytes = 0;
   }
 
@@ -261,7 +260,7 @@ export class Data {
 
   /** Returns a time of the source's clock as displayed. @param {number} t s */
   timeText(t) {
-    return `${(t - this.origin()).toFixed(2)} s`;
+    return `${(t - this.origin()).toFixed(2).replace(/^-0\.00$/, "0.00").replace("-", "−")} s`;
   }
 
   /** Returns the start and the end of the time span shown, s. @returns {[number, number]} */

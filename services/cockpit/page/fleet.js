@@ -3,7 +3,7 @@
 import { DEGREE, angles } from "./attitude.js";
 import { quaternion } from "./data.js";
 import { courseReference, degrees } from "./fly.js";
-import { button, colour, createCanvas, element, prepareCanvas, strokeLine, table, write } from "./ui.js";
+import { button, colour, createCanvas, element, prepareCanvas, statusLine, strokeLine, table, write } from "./ui.js";
 import { signed } from "./strips.js";
 
 /** @typedef {import("./data.js").Data} Data */
@@ -20,22 +20,39 @@ export class Fleet {
     this.onSelect = onSelect;
     this.rows = element("tbody", "");
     this.note = element("p", "c-quiet");
-    parent.replaceChildren(element("h2", "", "Vehicles"), table("fleet", COLUMNS.map((name) => [name, columnClass(name)]), this.rows), this.note);
-    /** Names of the vehicles that have a row, joined. */ this.names = "";
+    this.summary = statusLine("summary");
+    this.filter = element("input", "");
+    this.filter.id = "filter";
+    this.filter.type = "search";
+    this.filter.size = 14;
+    this.problemsFirst = element("input", "");
+    this.problemsFirst.id = "problems-first";
+    this.problemsFirst.type = "checkbox";
+    this.controls = element("div", "actions", element("label", "", "name or stage ", this.filter), element("label", "", this.problemsFirst, " problems first"));
+    parent.replaceChildren(element("h2", "", "Vehicles"), this.summary, this.controls, table("fleet", COLUMNS.map((name) => [name, columnClass(name)]), this.rows), this.note);
+    /** Row of each vehicle. @type {Map<string, HTMLTableRowElement>} */ this.rowOf = new Map();
+    /** Names of the vehicles whose rows are shown, joined. */ this.names = "";
     /** Content shown, for tests. @type {Record<string, any>} */ this.drawn = {};
   }
 
   draw() {
     const { standing } = this.data;
-    const vehicles = standing.vehicles?.length ? standing.vehicles : this.ownVehicle();
+    const all = standing.vehicles?.length ? standing.vehicles : this.ownVehicle();
+    const wanted = this.filter.value.trim().toLowerCase();
+    const vehicles = all.filter(({ vehicle, stage }) => `${vehicle} ${stage}`.toLowerCase().includes(wanted));
+    if (this.problemsFirst.checked) vehicles.sort((a, b) => Number(hasProblem(b)) - Number(hasProblem(a)));
     const names = vehicles.map((line) => line.vehicle).join(" ");
     if (names !== this.names) {
       this.names = names;
-      this.rows.replaceChildren(...vehicles.map((line) => this.createRow(line.vehicle)));
+      for (const name of this.rowOf.keys()) if (!all.some((line) => line.vehicle === name)) this.rowOf.delete(name);
+      this.rows.replaceChildren(...vehicles.map((line) => this.row(line.vehicle)));
     }
+    this.controls.hidden = all.length < 2;
+    const count = (/** @type {(line: Message) => boolean} */ test) => all.filter(test).length;
+    write(this.summary, all.length < 2 ? "" : `${all.length} vehicles: ${count((line) => !isOld(line))} current, ${count((line) => line.lives && isOld(line))} old, ${count((line) => !line.lives)} unreachable; ${count(hasLost)} with losses${wanted ? `; ${vehicles.length} shown` : ""}`);
     write(this.note, standing.vehicles?.length ? "" : "This page shows one system. Run `plumb view --remote --connect ENDPOINT` to show all vehicles on the network.");
-    this.drawn = { vehicles: [] };
-    vehicles.forEach((line, at) => this.fillRow(this.rows.children[at], line));
+    this.drawn = { vehicles: [], summary: this.summary.textContent };
+    for (const line of vehicles) this.fillRow(this.row(line.vehicle), line);
   }
 
   /** Returns the system shown as the only vehicle. @returns {Message[]} */
@@ -48,6 +65,13 @@ export class Fleet {
     const age_s = isRecording ? Infinity : (performance.now() - this.data.received_ms) / 1000;
     const services = statuses.filter((status) => status.state === "running").map((status) => status.service);
     return [{ vehicle: standing.system, lives: isRecording || standing.state === "STATE_LIVE", age_s: Number.isFinite(age_s) ? age_s : null, attitude: this.data.newest.attitude, lost_messages: 0, lost_ticks: statusOf("course")?.lost ?? null, stage: statusOf("fuser")?.stage ?? "", services }];
+  }
+
+  /** Returns the row of a vehicle. @param {string} name */
+  row(name) {
+    const row = this.rowOf.get(name) ?? this.createRow(name);
+    this.rowOf.set(name, row);
+    return row;
   }
 
   /** @param {string} name */
@@ -63,7 +87,7 @@ export class Fleet {
   /** @param {Element} row @param {Message} line */
   fillRow(row, line) {
     const { attitude, age_s, lives, lost_messages, lost_ticks, stage, services } = line;
-    const old = !lives || age_s === null || age_s > MAX_AGE_S;
+    const old = isOld(line);
     row.classList.toggle("old", old);
     const q = quaternion(attitude?.quaternion);
     const [, pitch, roll] = q ? angles(q) : [0, 0, 0];
@@ -81,8 +105,17 @@ export class Fleet {
   }
 }
 
-/** Returns the class of a column; numbers are aligned to the right. @param {string} name */
-const columnClass = (name) => (["", "vehicle", "stage", "services"].includes(name) ? "" : "number");
+/** Returns whether the attitude of a vehicle is not current. @param {Message} line */
+const isOld = ({ lives, age_s }) => !lives || age_s === null || age_s > MAX_AGE_S;
+
+/** @param {Message} line */
+const hasLost = ({ lost_ticks, lost_messages }) => lost_ticks > 0 || lost_messages > 0;
+
+/** @param {Message} line */
+const hasProblem = (line) => isOld(line) || hasLost(line);
+
+/** Returns the classes of a column. Numbers are aligned to the right; details are hidden on small screens. @param {string} name */
+const columnClass = (name) => [["", "vehicle", "stage", "services"].includes(name) ? "" : "number", ["roll", "pitch", "stage", "services"].includes(name) ? "detail" : ""].join(" ").trim();
 
 /** Draws a small horizon. @param {HTMLCanvasElement} canvas @param {[number, number] | null} angles Pitch and roll, rad */
 function drawGlyph(canvas, angles) {

@@ -2,7 +2,8 @@
 
 import { DEGREE, angles, rotate } from "./attitude.js";
 import { attitudeOfPoint, attitudeOfShadow, errorOf, quaternion } from "./data.js";
-import { colour, createCanvas, element, fillTable, legend, prepareCanvas, strokeLine, tint, write } from "./ui.js";
+import { BODIES } from "./bodies.js";
+import { colour, createCanvas, element, fillTable, legend, prepareCanvas, select, store, stored, strokeLine, tint, write } from "./ui.js";
 import { Scene } from "./scene.js";
 import { Strips, axisLines, line, signed } from "./strips.js";
 
@@ -11,13 +12,11 @@ import { Strips, axisLines, line, signed } from "./strips.js";
 /** @typedef {import("./attitude.js").Quat} Quat */
 
 const AXES = /** @type {[string, Vec][]} */ ([["x", [1, 0, 0]], ["y", [0, 1, 0]], ["z", [0, 0, 1]]]);
-const RING = [...Array(65).keys()].map((i) => /** @type {Vec} */ ([1.5 * Math.cos((i * Math.PI) / 32), 1.5 * Math.sin((i * Math.PI) / 32), 0]));
-/** Body with nose, wings and fin: x right, y forward, z up. Its left half mirrors the right one. @type {Vec[][]} */
-const BODY = /** @type {Vec[][]} */ ([
-  [[0, 1.15, 0], [0.16, 0.35, 0.1], [0.16, 0.35, -0.06]], [[0, 1.15, 0], [0, 0.35, 0.1], [0.16, 0.35, 0.1]], [[0, 1.15, 0], [0.16, 0.35, -0.06], [0, 0.35, -0.06]],
-  [[0.16, 0.35, 0.1], [0, 0.35, 0.1], [0, -0.95, 0.08]], [[0.16, 0.35, -0.06], [0, -0.95, 0.08], [0, 0.35, -0.06]], [[0.16, 0.35, -0.06], [0.16, 0.35, 0.1], [0, -0.95, 0.08]],
-  [[0.12, 0.4, 0.02], [1.1, -0.15, 0.02], [0.1, -0.1, 0.02]], [[0, -0.6, 0.08], [0, -0.98, 0.42], [0, -0.98, 0.08]], [[0, -0.7, 0.08], [0.38, -0.98, 0.08], [0, -0.98, 0.08]],
-]).flatMap((shape) => [shape, shape.map(([x, y, z]) => /** @type {Vec} */ ([-x, y, z]))]);
+const RING = [...Array(65).keys()].map((i) => /** @type {Vec} */ ([1.3 * Math.cos((i * Math.PI) / 32), 1.3 * Math.sin((i * Math.PI) / 32), 0]));
+/** Space for the bank scale around the horizon, px. */
+const BANK_PX = 30;
+/** Bank angles that the scale marks, and the two with a number, °. */
+const BANK_DEG = [10, 20, 30, 45, 60], NUMBERED_BANK_DEG = [30, 60];
 
 export class Fly {
   /** @param {HTMLElement} parent @param {Data} data */
@@ -35,16 +34,22 @@ export class Fly {
     side.append(horizon, rose, element("table", "big", this.values));
     grid.append(scene, side, strips);
     parent.replaceChildren(grid);
-    this.scene = new Scene(scene, 4.7, 0.34, 3.2);
+    this.scene = new Scene(scene, 4.1, 0.28, 3.2);
     const [list, ghosts] = legend([["━", "c-fused", "fused"], ["╌", "c-ink", "reference"], ["─", "c-gyro", "gyro only"], ["┄", "c-shadow", "shadow"]]);
     this.ghosts = ghosts;
     this.note = element("p", "note");
-    scene.append(list, this.note);
+    this.body = select("body", Object.keys(BODIES).map((name) => [name, name]));
+    this.body.value = stored("localStorage", "body") ?? "";
+    // A stored name may be unknown.
+    if (!this.body.value) this.body.value = "aeroplane";
+    this.body.addEventListener("change", () => store("localStorage", "body", this.body.value));
+    this.body.addEventListener("pointerdown", (event) => event.stopPropagation());
+    scene.append(list, element("label", "choice", "body ", this.body), this.note);
     const deg = 1 / DEGREE;
-    this.strips = new Strips(strips, data, [
+    this.strips = new Strips(strips, data, "fly", [
       { title: "angles", unit: "°", scale: deg, digits: 1, least: -180, most: 180, wraps: true, lines: [line("yaw_rad", "yaw", "axis-z"), line("pitch_rad", "pitch", "axis-x"), line("roll_rad", "roll", "axis-y")] },
       { title: "rate", unit: "°/s", scale: deg, digits: 1, lines: axisLines("rate", "rad_s") },
-      { title: "error, sd", unit: "°", scale: deg, digits: 2, least: 0, most: 180, lines: [line("error_rad", "error", "fault"), line("inclination_sd_rad", "inclination sd", "fused", "dashed"), line("difference_rad", "shadow", "shadow")] },
+      { title: "error, sd", unit: "°", scale: deg, digits: 2, least: 0, most: 180, robust: true, lines: [line("error_rad", "error", "fault"), line("inclination_sd_rad", "inclination sd", "fused", "dashed"), line("difference_rad", "shadow", "shadow")] },
     ]);
     /** Content shown, for tests. @type {Record<string, any>} */ this.drawn = {};
   }
@@ -59,6 +64,7 @@ export class Fly {
     const shadow_difference_deg = shadow ? picture.differences[0].now_rad.x / DEGREE : null;
     this.drawn = { quaternion: own, reference: truth, gyro, shadow, shadow_difference_deg, yaw_deg: null, error_deg: null };
     [own, truth, gyro, shadow].forEach((ghost, at) => { this.ghosts[at].hidden = !ghost; });
+    this.drawn.body = this.body.value;
     const slot = shadow ? picture.differences[0].service.replace("SERVICE_", "").toLowerCase() : "";
     write(this.ghosts[3], `shadow of ${slot}, difference ${shadow_difference_deg?.toFixed(2)}°`);
     this.drawScene(own, truth, gyro, shadow);
@@ -70,23 +76,23 @@ export class Fly {
 
   /** @param {Quat | null} own @param {Quat | null} truth @param {Quat | null} gyro @param {Quat | null} shadow */
   drawScene(own, truth, gyro, shadow) {
-    const { scene } = this;
+    const { scene } = this, body = BODIES[this.body.value];
     scene.begin();
     scene.line(RING, tint("line"), 0.8);
     for (const [name, axis] of AXES) {
-      scene.line([[0, 0, 0], /** @type {Vec} */ (axis.map((part) => part * 1.5))], tint(`axis-${name}`), 0.7);
-      const end = /** @type {Vec} */ (axis.map((part) => part * 1.62));
+      scene.line([[0, 0, 0], /** @type {Vec} */ (axis.map((part) => part * 1.3))], tint(`axis-${name}`), 0.7);
+      const end = /** @type {Vec} */ (axis.map((part) => part * 1.4));
       scene.label(end, { x: "east x", y: "north y", z: "up z" }[name] ?? name, `c-${name}`);
     }
     if (shadow) {
-      for (const [, axis] of AXES) scene.line(dashPoints(rotate(shadow, axis), 1.4), tint("shadow"), 1.2, true);
-      for (const shape of BODY) scene.line([...shape, shape[0]].map((point) => rotate(shadow, point)), tint("shadow", 0.8), 0.6);
+      for (const [, axis] of AXES) scene.line(dashPoints(rotate(shadow, axis), 1.25), tint("shadow"), 1.2, true);
+      for (const shape of body) scene.line([...shape, shape[0]].map((point) => rotate(shadow, point)), tint("shadow", 0.8), 0.6);
     }
-    if (truth) for (const [, axis] of AXES) scene.line(dashPoints(rotate(truth, axis), 1.3), tint("ink"), 0.9, true);
+    if (truth) for (const [, axis] of AXES) scene.line(dashPoints(rotate(truth, axis), 1.22), tint("ink"), 0.9, true);
     if (gyro) for (const [, axis] of AXES) scene.line([[0, 0, 0], /** @type {Vec} */ (rotate(gyro, axis).map((part) => part * 1.1))], tint("gyro"), 0.9);
     if (own) {
       const light = [0.35, -0.5, 0.8];
-      for (const shape of BODY) {
+      for (const shape of body) {
         const [a, b, c] = shape.map((point) => rotate(own, point));
         const n = normal(a, b, c);
         const bright = 0.62 + 0.38 * Math.abs(n[0] * light[0] + n[1] * light[1] + n[2] * light[2]);
@@ -94,7 +100,7 @@ export class Fly {
         scene.triangle(a, b, c, [r * bright, g * bright, blue * bright, 1]);
       }
       for (const [name, axis] of AXES) {
-        const end = /** @type {Vec} */ (rotate(own, axis).map((part) => part * 1.25));
+        const end = /** @type {Vec} */ (rotate(own, axis).map((part) => part * 1.18));
         scene.line([[0, 0, 0], end], tint("fused"), 1.6);
         scene.label(end, { x: "right", y: "nose", z: "top" }[name] ?? "", "c-fused");
       }
@@ -108,7 +114,8 @@ export class Fly {
     const prepared = prepareCanvas(this.horizon);
     if (!prepared) return;
     const [context, width, height] = prepared;
-    const [x, y, r] = [width / 2, height / 2, Math.min(width, height) * 0.46];
+    // The bank scale is above the disc.
+    const r = Math.min(width / 2 - BANK_PX, (height - BANK_PX - 6) / 2), [x, y] = [width / 2, BANK_PX + r];
     context.save();
     context.beginPath(); context.arc(x, y, r, 0, 7); context.clip();
     context.fillStyle = colour("panel");
@@ -129,13 +136,34 @@ export class Fly {
         const half = mark === 0 ? 3 * r : mark % 30 === 0 ? 0.3 * r : 0.16 * r;
         const at = -mark * DEGREE * scale;
         strokeLine(context, -half, at, half, at);
-        if (mark && mark % 30 === 0) context.fillText(`${mark < 0 ? "−" : ""}${Math.abs(mark)}°`, -half - 5, at);
+        // A text near the edge would be cut off.
+        if (mark && mark % 30 === 0 && Math.abs(at + pitch * scale) < 0.62 * r) context.fillText(`${mark < 0 ? "−" : ""}${Math.abs(mark)}°`, -half - 5, at);
       }
     }
     context.restore();
+    this.drawBankScale(context, x, y, r, q ? angles(q)[2] : null);
     context.strokeStyle = colour("fused");
     context.lineWidth = 3;
     strokeLine(context, x - 0.5 * r, y, x - 0.15 * r, y, x, y + 0.1 * r, x + 0.15 * r, y, x + 0.5 * r, y);
+  }
+
+  /** Draws the fixed scale and the pointer, which shows the zenith. @param {CanvasRenderingContext2D} context @param {number} x @param {number} y @param {number} r @param {number | null} roll rad */
+  drawBankScale(context, x, y, r, roll) {
+    context.strokeStyle = context.fillStyle = colour("ink");
+    context.textAlign = "center";
+    context.textBaseline = "middle";
+    context.font = "13px system-ui";
+    const at = (/** @type {number} */ angle, /** @type {number} */ radius) => /** @type {[number, number]} */ ([x + radius * Math.sin(angle), y - radius * Math.cos(angle)]);
+    for (const mark of [0, ...BANK_DEG, ...BANK_DEG.map((mark) => -mark)]) {
+      const numbered = NUMBERED_BANK_DEG.includes(Math.abs(mark));
+      strokeLine(context, ...at(mark * DEGREE, r + 2), ...at(mark * DEGREE, r + (numbered || !mark ? 10 : 6)));
+      if (numbered && r > 50) context.fillText(String(Math.abs(mark)), ...at(mark * DEGREE, r + 19));
+    }
+    this.drawn.bank = { marks_deg: BANK_DEG, pointer_deg: roll === null ? null : -roll / DEGREE };
+    if (roll === null) return;
+    context.beginPath();
+    for (const [angle, radius] of [[0, r], [7 / r, r - 12], [-7 / r, r - 12]]) context.lineTo(...at(angle - roll, radius));
+    context.fill();
   }
 
   /** @param {import("./wire.js").Message | undefined} attitude */

@@ -3,7 +3,7 @@
 import { Data } from "./data.js";
 import { Fleet } from "./fleet.js";
 import { Fly } from "./fly.js";
-import { element, setTheme, write } from "./ui.js";
+import { element, setTheme, store, stored, write } from "./ui.js";
 import { Method } from "./method.js";
 import { Sensors } from "./sensors.js";
 import { System } from "./system.js";
@@ -32,8 +32,8 @@ const fragment = () => location.hash.slice(1).split("/");
 const viewInFragment = () => VIEWS.find((name) => fragment().includes(name));
 // A view is never mistaken for a token, because the names of views have other letters than hexadecimal numbers.
 const tokenInFragment = fragment().find((part) => /^[0-9a-f]+$/.test(part)) ?? "";
-const token = tokenInFragment || sessionStorage.getItem("token") || "";
-if (token) sessionStorage.setItem("token", token);
+const token = tokenInFragment || stored("sessionStorage", "token") || "";
+if (token) store("sessionStorage", "token", token);
 
 /** Name of the selected vehicle; empty if none is selected. */
 let vehicle = new URLSearchParams(location.search).get("vehicle") ?? "";
@@ -164,6 +164,7 @@ function openView(name) {
   for (const tab of get("tabs").children) tab.setAttribute("aria-selected", String(tab.id === `tab-${name}`));
   const parent = get("view");
   view = name === "fly" ? new Fly(parent, data) : name === "method" ? new Method(parent, data) : name === "sensors" ? new Sensors(parent, data, sendCommand) : name === "system" ? new System(parent, data, sendCommand) : new Fleet(parent, data, selectVehicle);
+  timeline.setStrips(view.strips ?? null, name);
 }
 
 /** @param {number} us */
@@ -185,6 +186,8 @@ function drawBar(now) {
   set("latency", latency ? `p50 ${duration(latency.p50)}  p99 ${duration(latency.p99)}` : "–");
   const course = (standing.services ?? []).find((service) => service.status?.service === "course");
   set("lost", course ? String(course.status.lost) : "–");
+  // A recording has neither.
+  get("latency-field").hidden = get("lost-field").hidden = data.recording.length > 0;
   get("lost-field").className = course && course.status.lost > 0 ? "loud" : "";
   const { recording } = standing;
   get("record").hidden = !standing.takes_commands;

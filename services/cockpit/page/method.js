@@ -9,6 +9,8 @@ import { Strips, axisLines, line, signed } from "./strips.js";
 /** @typedef {import("./data.js").Data} Data */
 /** @typedef {import("./attitude.js").Vec} Vec */
 
+/** Minimum distance between two labels of the plane, px. */
+const MIN_LABEL_PX = 42;
 /** Maximum number of frames in a trail. */
 const TRAIL_FRAMES = 300;
 /** Parallels and meridians, each with opacity and width. @type {[Vec[], number, number][]} */
@@ -27,16 +29,16 @@ export class Method {
     plane.append(this.plane);
     grid.append(sphere, plane, strips);
     parent.replaceChildren(grid);
-    this.scene = new Scene(sphere, 3.7);
+    this.scene = new Scene(sphere, 3.4);
     this.note = element("p", "note");
     for (const panel of [sphere, plane]) panel.append(legend([["●", "c-fused", "fused"], ["○", "c-gyro", "gyro only"], ["∴", "c-accel", "accelerometer"], ["◌", "c-ink", "reference"]])[0]);
     sphere.append(this.note);
     const deg = 1 / DEGREE;
-    this.strips = new Strips(strips, data, [
+    this.strips = new Strips(strips, data, "method", [
       ...["u", "v"].map((part) => ({ title: part, unit: "–", scale: 1, digits: 3, lines: [line(`${part}_accel`, "accelerometer", "accel", "dots"), line(`${part}_gyro`, "gyro", "gyro"), line(part, "fused", "fused")] })),
-      { title: "z", unit: "°", scale: deg, digits: 1, wraps: true, lines: [line("z_gyro_rad", "gyro", "gyro"), line("z_rad", "fused", "fused")] },
-      { title: "innovation", unit: "°", scale: deg, digits: 2, least: 0, most: 180, lines: [line("innovation_rad", "accelerometer − fused", "accel")] },
-      { title: "std. dev.", unit: "°", scale: deg, digits: 2, least: 0, most: 180, lines: [line("inclination_sd_rad", "inclination", "fused"), line("course_sd_rad", "course", "axis-z", "dashed")] },
+      { title: "z", unit: "°", scale: deg, digits: 1, least: -180, most: 180, wraps: true, lines: [line("z_gyro_rad", "gyro", "gyro"), line("z_rad", "fused", "fused")] },
+      { title: "innovation", unit: "°", scale: deg, digits: 2, least: 0, most: 180, robust: true, lines: [line("innovation_rad", "accelerometer − fused", "accel")] },
+      { title: "std. dev.", unit: "°", scale: deg, digits: 2, least: 0, most: 180, robust: true, lines: [line("inclination_sd_rad", "inclination", "fused"), line("course_sd_rad", "course", "axis-z", "dashed")] },
       { title: "gyro bias", unit: "°/s", scale: deg, digits: 3, lines: axisLines("bias", "rad_s") },
     ]);
     /** Content shown, for tests. @type {Record<string, any>} */ this.drawn = {};
@@ -66,7 +68,8 @@ export class Method {
     const pole = inverted ? 1 : -1;
     scene.point([0, 0, pole], tint("fault"), 4);
     scene.label([0, 0, pole * 1.14], inverted ? "pole: zenith" : "pole: nadir", "c-fault");
-    scene.label([0, 0, -pole * 1.12], inverted ? "upside down, w = 0" : "level, w = 0", "c-quiet");
+    // Near this pole, the label of the up vector is in its place.
+    if (!now.fused || now.fused[2] * -pole < 0.8) scene.label([0, 0, -pole * 1.12], inverted ? "upside down, w = 0" : "level, w = 0", "c-quiet");
     scene.label([1.3, 0, 0], "right", "c-x");
     scene.label([0, 1.3, 0], "nose", "c-y");
     const dots = tint("accel", 0.6);
@@ -107,10 +110,17 @@ export class Method {
     context.font = "13px system-ui";
     context.strokeStyle = colour("line");
     context.fillStyle = colour("quiet");
-    for (let mark = -reach; mark <= reach + 1e-9; mark += step) {
-      const [x, y] = at([mark, mark]);
+    const every = Math.ceil(MIN_LABEL_PX / (step * scale));
+    const last = Math.floor(Math.max(width, height) / 2 / scale / step);
+    for (let number = -last; number <= last; number++) {
+      const mark = number * step, [x, y] = at([mark, mark]).map((place) => Math.round(place) + 0.5);
+      context.globalAlpha = 0.55;
       strokeLine(context, x, 0, x, height); strokeLine(context, 0, y, width, y);
-      if (Math.abs(mark) > 1e-9) { context.fillText(mark.toFixed(2), x + 2, height / 2 - 3); if (y > 36) context.fillText(mark.toFixed(2), width / 2 + 4, y - 3); }
+      context.globalAlpha = 1;
+      if (!number || number % every) continue;
+      const text = mark.toFixed(2).replace("-", "−");
+      context.fillText(text, x + 2, height / 2 - 3);
+      if (y > 36) context.fillText(text, width / 2 + 4, y - 3);
     }
     context.strokeStyle = colour("quiet");
     strokeLine(context, 0, height / 2, width, height / 2);

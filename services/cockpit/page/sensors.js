@@ -26,16 +26,16 @@ export class Sensors {
     const [calibration, mounting] = [section("Calibration"), section("Mounting check")];
     parent.replaceChildren(
       element("div", "columns",
-        section("Latest samples, body axes: right, forward, up", table("", COLUMNS, this.values), element("h3", "", "Flags of the latest sample"), this.flags),
+        section("Latest samples, body axes: right, forward, up", table("samples", COLUMNS, this.values), element("h3", "", "Flags of the latest sample"), this.flags),
         section("Input checks", this.warnings)),
       strips,
       element("div", "columns", calibration, mounting));
     this.calibration = new Calibration(calibration, data, sendCommand);
     this.mounting = new Mounting(mounting, data);
     this.scene = this.calibration.scene;
-    this.strips = new Strips(strips, data, [
+    this.strips = new Strips(strips, data, "sensors", [
       { title: "force", unit: "m/s²", scale: 1, digits: 2, least: 0, lines: [line("force_m_s2", "magnitude", "accel")] },
-      { title: "field", unit: "µT", scale: 1, digits: 1, least: 0, lines: [line("field_ut", "magnitude", "field")] },
+      { title: "field", unit: "µT", scale: 1, digits: 1, least: 0, optional: true, lines: [line("field_ut", "magnitude", "field")] },
       { title: "rate", unit: "°/s", scale: 1 / DEGREE, digits: 1, lines: axisLines("rate", "rad_s") },
     ]);
     /** Content shown, for tests. @type {Record<string, any>} */ this.drawn = {};
@@ -57,7 +57,12 @@ export class Sensors {
       row("magnetic field, µT", field, 1, 1, ages_s[2], "25 to 65"),
       row("velocity, m/s (east, north, up)", velocity, 1, 2, ages_s[3], "vehicle speed"),
     ], [...COLUMNS.slice(0, -1).map(([, className]) => className), "c-quiet"]);
-    ages_s.forEach((age_s, at) => this.values.children[at].classList.toggle("old", age_s > (at === 3 ? MAX_FIX_AGE_S : MAX_AGE_S)));
+    const isPresent = [true, true, this.data.newest.mag, this.data.newest.gnss];
+    ages_s.forEach((age_s, at) => {
+      const row = /** @type {HTMLElement} */ (this.values.children[at]);
+      row.classList.toggle("old", age_s > (at === 3 ? MAX_FIX_AGE_S : MAX_AGE_S));
+      row.hidden = !isPresent[at];
+    });
     const flags = picture.imu ? this.data.flags.filter((_, bit) => Math.floor(picture.imu.header.flags / 2 ** bit) % 2 === 1).map(([name]) => name) : [];
     write(this.flags, flags.length ? flags.join(", ") : "none");
     const warnings = [...(this.data.standing.warnings ?? [])];

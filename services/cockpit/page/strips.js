@@ -2,11 +2,11 @@
 
 /** @typedef {import("./data.js").Data} Data */
 /** Line of a strip: its quantity, name, colour and style. @typedef {{ quantity: string, name: string, colour: string, style?: "dashed" | "dots" }} Line */
-/** Strip of lines. `scale` converts a quantity to `unit`. `least` and `most` are the limits of the quantity, in `unit`. With `wraps`, ±180° are equal.
- * @typedef {{ title: string, unit: string, scale: number, digits: number, least?: number, most?: number, wraps?: boolean, lines: Line[] }} Strip */
+/** Strip of lines. `scale` converts a quantity to `unit`. `least` and `most` are the limits of the quantity, in `unit`. With `wraps`, ±180° are equal. A `robust` axis does not extend to rare large values, which are marked instead. An `optional` strip is shown only if it has values.
+ * @typedef {{ title: string, unit: string, scale: number, digits: number, least?: number, most?: number, wraps?: boolean, robust?: boolean, optional?: boolean, lines: Line[] }} Strip */
 
 import { valueIndex } from "./data.js";
-import { colour, createCanvas, element, prepareCanvas, strokeCursor, write } from "./ui.js";
+import { colour, createCanvas, element, prepareCanvas, store, stored, strokeCursor, write } from "./ui.js";
 
 /** Returns a line of a strip. @param {string} quantity @param {string} name @param {string} colour @param {"dashed" | "dots"} [style] @returns {Line} */
 export const line = (quantity, name, colour, style) => ({ quantity, name, colour, style });
@@ -17,13 +17,18 @@ export const axisLines = (quantity, unit) => ["x", "y", "z"].map((axis) => line(
 /** Horizontal movement from which a press selects a time span, px. */
 const MIN_BRUSH_PX = 6;
 /** Minimum distance between two labels of the value axis and of the time axis, px. */
-const MIN_ROW_PX = 17, MIN_COLUMN_PX = 90;
+const MIN_ROW_PX = 17, MIN_COLUMN_PX = 66;
+
+/** Names of the strips and lines that are hidden. The browser remembers them. @type {Set<string>} */
+const hidden = new Set((stored("localStorage", "hidden") ?? "").split("\n").filter(Boolean));
 
 export class Strips {
-  /** @param {HTMLElement} panel @param {Data} data @param {Strip[]} strips */
-  constructor(panel, data, strips) {
+  /** @param {HTMLElement} panel @param {Data} data @param {string} view Name of the view @param {Strip[]} strips */
+  constructor(panel, data, view, strips) {
     this.data = data;
+    this.view = view;
     this.strips = strips;
+    this.panel = panel;
     this.canvas = createCanvas(`Strip charts of ${strips.map((strip) => strip.title).join(", ")}; click to set the cursor, drag to zoom to a time span, use the wheel to zoom, double-click to show all`);
     this.canvas.tabIndex = 0;
     panel.classList.add("strips");
@@ -44,27 +49,89 @@ export class Strips {
     this.indices = this.lines.map((line) => valueIndex(line.quantity));
     /** Whether ±180° are equal, for each line. */ this.wraps = strips.flatMap((strip) => strip.lines.map(() => strip.wraps ?? false));
     /** Minimum and maximum per pixel of each line. @type {Float64Array[]} */ this.binned = [];
-    /** Axis of each strip drawn last, its lines and the largest step within a line, in the unit of the strip, for tests. @type {{ title: string, least: number, most: number, ticks: number[], largest_step: number, lines: string[] }[]} */ this.drawn = [];
-    const legends = element("div", "strip-legends");
+    /** Whether each line has values in the time span. @type {boolean[]} */ this.hasValues = [];
+    /** Axis of each strip drawn last, its lines, the largest step within a line and the largest value that is cut off, in the unit of the strip, for tests. @type {{ title: string, least: number, most: number, ticks: number[], largest_step: number, cut_off: number | null, lines: string[] }[]} */ this.drawn = [];
     /** Value of each line in the legend. @type {HTMLElement[]} */ this.values = [];
-    for (const strip of strips) legends.append(element("div", "", ...strip.lines.map((line) => this.legendEntry(strip, line))));
-    panel.append(legends);
+    /** Entries of the legend. @type {HTMLButtonElement[]} */ this.entries = [];
+    /** Largest value that is cut off, for each strip. */ this.cutOffs = strips.map(() => element("span", "cut-off number"));
+    this.legends = strips.map((strip, number) => element("div", "", ...strip.lines.map((line) => this.legendEntry(strip, line)), this.cutOffs[number]));
+    panel.append(element("div", "strip-legends", ...this.legends));
+    /** Controls that select strips and lines. */
+    this.choices = element("div", "", ...strips.map((strip) => element("fieldset", "", this.choice(strip), ...(strip.lines.length > 1 ? strip.lines.map((line) => this.choice(strip, line)) : []))));
+  }
+
+  /** Returns the name under which a strip or a line is hidden. @param {Strip} strip @param {Line} [line] */
+  key(strip, line) {
+    return [this.view, strip.title, ...(line ? [line.name] : [])].join("/");
+  }
+
+  /** @param {Strip} strip @param {Line} [line] */
+  toggle(strip, line) {
+    const key = this.key(strip, line);
+    if (!hidden.delete(key)) hidden.add(key);
+    store("localStorage", "hidden", [...hidden].join("\n"));
   }
 
   /** Returns the button that shows or hides a line. @param {Strip} strip @param {Line} line */
   legendEntry(strip, line) {
-    const { hiddenLines } = this.data, key = `${strip.title}/${line.name}`;
     const value = element("span", "number");
     const button = element("button", "", line.name, " ", value);
     button.title = `Show or hide ${line.name}`;
     button.style.color = `var(--${line.colour})`;
-    button.setAttribute("aria-pressed", String(!hiddenLines.has(key)));
-    button.addEventListener("click", () => {
-      if (!hiddenLines.delete(key)) hiddenLines.add(key);
-      button.setAttribute("aria-pressed", String(!hiddenLines.has(key)));
-    });
+    button.addEventListener("click", () => this.toggle(strip, line));
+    this.entries.push(button);
     this.values.push(value);
     return button;
+  }
+
+  /** Returns the check box that shows or hides a strip or a line. @param {Strip} strip @param {Line} [line] */
+  choice(strip, line) {
+    const box = element("input", "");
+    box.type = "checkbox";
+    box.name = this.key(strip, line);
+    box.addEventListener("change", () => this.toggle(strip, line));
+    return element("label", line ? "" : "title", box, line?.name ?? strip.title);
+  }
+
+  /** Shows which strips and lines are hidden in the legend and the controls. */
+  updateControls() {
+    let at = 0;
+    this.strips.forEach((strip, number) => {
+      this.legends[number].hidden = !this.isShown(strip);
+      for (const line of strip.lines) {
+        // A line without values, such as the error without a reference, has no entry.
+        this.entries[at].hidden = !this.hasValues[at];
+        this.entries[at++].setAttribute("aria-pressed", String(!hidden.has(this.key(strip, line))));
+      }
+    });
+    for (const box of this.choices.querySelectorAll("input")) box.checked = !hidden.has(box.name);
+  }
+
+  /** @param {Strip} strip */
+  isShown(strip) {
+    return !hidden.has(this.key(strip)) && (!strip.optional || strip.lines.some((line) => this.hasValues[this.lines.indexOf(line)]));
+  }
+
+  /** Returns a picture of the strips with their legends, as PNG. @returns {Promise<Blob>} */
+  picture() {
+    const { canvas } = this, ratio = canvas.width / canvas.clientWidth;
+    const copy = document.createElement("canvas");
+    [copy.width, copy.height] = [canvas.width, canvas.height];
+    const context = copy.getContext("2d");
+    if (!context) return Promise.reject(new Error("no canvas"));
+    context.fillStyle = colour("panel");
+    context.fillRect(0, 0, copy.width, copy.height);
+    context.drawImage(canvas, 0, 0);
+    context.scale(ratio, ratio);
+    context.font = FONT;
+    context.textBaseline = "middle";
+    const { left, top } = canvas.getBoundingClientRect();
+    for (const entry of [...this.entries, ...this.cutOffs].filter((entry) => entry.checkVisibility() && entry.getAttribute("aria-pressed") !== "false")) {
+      const place = entry.getBoundingClientRect();
+      context.fillStyle = getComputedStyle(entry).color;
+      context.fillText(entry.textContent ?? "", place.left - left + 6, (place.top + place.bottom) / 2 - top);
+    }
+    return new Promise((resolve, reject) => copy.toBlob((blob) => (blob ? resolve(blob) : reject(new Error("the picture is empty"))), "image/png"));
   }
 
   /** Sets the cursor after a click, or the time span after a drag. */
@@ -83,18 +150,22 @@ export class Strips {
     const prepared = prepareCanvas(this.canvas);
     if (!prepared) return;
     const [context, width, height] = prepared;
-    context.font = "13px system-ui, sans-serif";
+    context.font = FONT;
     [this.from] = data.window();
     const inner = width - LEFT - RIGHT;
-    const stripHeight = (height - FOOT) / this.strips.length;
     this.bin(Math.max(1, Math.ceil(inner)));
+    const strips = this.strips.filter((strip) => this.isShown(strip));
+    this.panel.style.setProperty("--strips", String(Math.max(1, strips.length)));
+    this.updateControls();
+    const stripHeight = (height - FOOT) / strips.length;
     const x = (/** @type {number} */ t) => LEFT + ((t - this.from) / data.span_s) * inner;
     // Times are counted from the origin, so that the ticks are round numbers.
     const origin = data.origin(), step = niceStep(data.span_s / Math.max(1, inner / MIN_COLUMN_PX));
     const times = ticks(this.from - origin, this.from + data.span_s - origin, step).filter((t) => t + origin >= (data.frames[0]?.t ?? Infinity) - 1e-9);
     const columns = times.map((t) => x(t + origin));
-    this.drawn = this.strips.map((strip, index) => this.drawStrip(context, strip, index * stripHeight, stripHeight, width, columns));
+    this.drawn = strips.map((strip, index) => this.drawStrip(context, strip, index * stripHeight, stripHeight, width, columns));
     context.fillStyle = colour("quiet");
+    if (!strips.length) context.fillText("All strips are hidden. Select them under Signals.", LEFT, height / 2);
     context.textAlign = "center";
     const digits = digitsOf(step);
     times.forEach((t, at) => context.fillText(`${t.toFixed(digits)} s`, Math.max(LEFT + 16, Math.min(columns[at], width - 30)), height - 5));
@@ -119,11 +190,15 @@ export class Strips {
     const inner = width - LEFT - RIGHT;
     // The legend is above the curves.
     const [from, to] = [top + LEGEND, top + height - 5];
-    const lines = strip.lines.filter((line) => !this.data.hiddenLines.has(`${strip.title}/${line.name}`));
+    const lines = strip.lines.filter((line) => !hidden.has(this.key(strip, line)));
     const binned = lines.map((line) => this.binned[this.lines.indexOf(line)]);
     let [least, most] = [Infinity, -Infinity];
     for (const bins of binned) for (let i = 0; i < bins.length; i += 2) { if (bins[i] < least) least = bins[i]; if (bins[i + 1] > most) most = bins[i + 1]; }
     [least, most] = [least * strip.scale, most * strip.scale];
+    const largest = most;
+    if (strip.robust) most = Math.min(most, robustMost(binned) * strip.scale);
+    const unit = strip.unit === "°" ? "°" : ` ${strip.unit}`;
+    write(this.cutOffs[this.strips.indexOf(strip)], largest > most ? `▲ up to ${largest.toFixed(strip.digits)}${unit}` : "");
     context.strokeStyle = colour("line");
     context.strokeRect(LEFT, from + 0.5, inner, to - from);
     context.textAlign = "left";
@@ -131,7 +206,7 @@ export class Strips {
     context.fillText(strip.title, 8, top + 15);
     context.fillStyle = colour("quiet");
     context.fillText(strip.unit, 8, top + 31);
-    const drawn = { title: strip.title, least: NaN, most: NaN, ticks: /** @type {number[]} */ ([]), largest_step: 0, lines: lines.map((line) => line.name) };
+    const drawn = { title: strip.title, least: NaN, most: NaN, ticks: /** @type {number[]} */ ([]), largest_step: 0, cut_off: /** @type {number | null} */ (null), lines: lines.map((line) => line.name) };
     if (!(most >= least)) {
       context.fillText(lines.length ? "no data" : "all lines are hidden", LEFT + 8, (from + to) / 2 + 4);
       return drawn;
@@ -158,6 +233,10 @@ export class Strips {
     context.globalAlpha = 1;
     // Mitred corners of steep lines would exceed the axis.
     context.lineJoin = "bevel";
+    context.save();
+    context.beginPath();
+    context.rect(LEFT, from, inner, to - from);
+    context.clip();
     const half_turn = strip.wraps ? Math.PI : Infinity;
     lines.forEach((line, index) => {
       context.strokeStyle = context.fillStyle = colour(line.colour);
@@ -187,9 +266,21 @@ export class Strips {
       }
       if (line.style === "dots") context.fill(); else context.stroke();
     });
-    context.setLineDash([]);
-    context.lineWidth = 1;
+    context.restore();
+    if (largest > most) {
+      drawn.cut_off = largest;
+      this.markCutOff(context, lines, most / strip.scale, from);
+    }
     return drawn;
+  }
+
+  /** Marks the values above an axis. @param {CanvasRenderingContext2D} context @param {Line[]} lines @param {number} most End of the axis @param {number} top px */
+  markCutOff(context, lines, most, top) {
+    for (const line of lines) {
+      const bins = this.binned[this.lines.indexOf(line)];
+      context.fillStyle = colour(line.colour);
+      for (let x = 0; 2 * x < bins.length; x++) if (bins[2 * x + 1] > most) context.fillRect(LEFT + x, top - 1, 1, 4);
+    }
   }
 
   /** Computes the minimum and maximum of each line per pixel, NaN if empty. One pass through the frames serves all lines. @param {number} count */
@@ -223,6 +314,7 @@ export class Strips {
         lastPixel[at] = pixel;
       }
     }
+    this.hasValues = lastPixel.map((pixel) => pixel >= 0);
   }
 
   /** Fills the pixels between two values of a line, unless the angle passes ±180° in between. @param {number} at Number of the line @param {number} last Pixel of the first value @param {number} pixel Pixel of the second value @param {number} low The second value */
@@ -237,8 +329,23 @@ export class Strips {
 export const LEFT = 118, RIGHT = 8;
 /** Heights of the time axis and of a legend, px. */
 const FOOT = 20, LEGEND = 20;
+const FONT = "13px system-ui, sans-serif";
+/** Part of the values that a robust axis covers at least, and the largest ratio of a value to this part that is not cut off. */
+const COVERED = 0.95, MAX_RATIO = 4;
 /** Steps of an axis of angles, °. */
 const ANGLE_STEPS = [0.1, 0.2, 0.5, 1, 2, 5, 10, 15, 30, 45, 90, 180];
+
+/** Returns the end of a robust axis: the largest value unless it is much larger than nearly all others. @param {Float64Array[]} binned Minimum and maximum per pixel of each line */
+function robustMost(binned) {
+  let most = 0;
+  for (const bins of binned) {
+    const sorted = bins.filter((value, at) => at % 2 === 1 && !Number.isNaN(value)).sort();
+    if (!sorted.length) continue;
+    const [covered, largest] = [sorted[Math.floor((sorted.length - 1) * COVERED)], sorted[sorted.length - 1]];
+    most = Math.max(most, covered > 0 && largest > MAX_RATIO * covered ? (MAX_RATIO / 2) * covered : largest);
+  }
+  return most;
+}
 
 /** Returns the smallest round step that is at least `minimum`: 1, 2 or 5 times a power of ten, or one of `steps`. @param {number} minimum @param {number[]} [steps] */
 export function niceStep(minimum, steps) {

@@ -43,16 +43,18 @@ export class System {
     this.parameters = new Parameters(parameters);
     const label = (/** @type {string} */ text, /** @type {HTMLElement} */ inner) => element("label", "", `${text} `, inner, " ");
     const strips = element("div", "panel short");
-    this.strips = new Strips(strips, data, [{ title: "latency", unit: "ms", scale: 1e3, digits: 3, least: 0, lines: [line("latency_s", "end to end", "fused")] }]);
+    this.strips = new Strips(strips, data, "system", [{ title: "latency", unit: "ms", scale: 1e3, digits: 3, least: 0, lines: [line("latency_s", "end to end", "fused")] }]);
+    this.servicesTable = table("services", COLUMNS, this.services);
+    this.stages = section("Stages", label("slot", this.slot), label("stage", this.stage), element("div", "actions", ...this.buttons), this.outcome, this.difference);
+    this.logSection = section("Log", element("div", "actions", button("show-log", "Show the last lines", () => this.readLog())), this.logError, this.log);
     parent.replaceChildren(
       element("h2", "", "Services"),
-      element("div", "scrolls", table("services", COLUMNS, this.services)),
+      element("div", "scrolls", this.servicesTable),
       this.servicesNote, strips,
       element("div", "columns",
-        section("Stages", label("slot", this.slot), label("stage", this.stage), element("div", "actions", ...this.buttons), this.outcome, this.difference),
+        this.stages,
         element("section", "events", element("h2", "", "Events"), this.emptyNote, element("table", "", this.events))),
-      section("Log", element("div", "actions", button("show-log", "Show the last lines", () => this.readLog())), this.logError, this.log),
-      parameters, this.confirm);
+      this.logSection, parameters, this.confirm);
     /** Content shown, for tests. @type {Record<string, any>} */ this.drawn = {};
     /** Slots and stages in the lists, as JSON. */ this.slots = "";
     /** Revision of the events in the table. */ this.shownRevision = -1;
@@ -185,8 +187,8 @@ export class System {
     }
     const runs = this.showParameters();
     this.strips.draw();
-    const shadow = this.shadowOf(this.slot.value);
-    for (const button of this.buttons) button.disabled = !standing.takes_commands || (this.isWaiting && this.data.link === "open") || (button.id === "promote" && !shadow) || (button.id === "swap" && runs && !this.parameters.isChanged());
+    const shadow = this.shadowOf(this.slot.value), hasCandidate = shadow || services.some(({ status }) => status?.service === this.slot.value && status.state === "candidate");
+    for (const button of this.buttons) button.disabled = !standing.takes_commands || (this.isWaiting && this.data.link === "open") || (button.id === "promote" && !shadow) || (button.id === "cancel" && !hasCandidate) || (button.id === "swap" && runs && !this.parameters.isChanged());
     write(this.buttons[0], runs ? "Set parameters…" : "Swap…");
     this.drawn = { services: services.map((service) => [service.status?.service, service.status?.state, service.status?.stage, service.status?.restarts]), events: events.length };
     fillTable(this.services, services.map(serviceCells), COLUMNS.map(([, className]) => className));
@@ -196,6 +198,8 @@ export class System {
       row.classList.toggle("down", wasRestarted || !UP_STATES.includes(status.state));
       if (wasRestarted) write(row.children[2], "restarted");
     });
+    this.servicesTable.hidden = !services.length;
+    this.stages.hidden = this.logSection.hidden = this.data.recording.length > 0;
     write(this.servicesNote, services.length ? "" : this.data.recording.length ? "A recording has no services. Its events are listed below." : "No services respond. Start a system with `plumb up`.");
     const difference = (this.data.shown()?.picture.differences ?? [])[0];
     write(this.difference, difference?.now_rad ? `shadow: current difference from the owner ${(difference.now_rad.x / DEGREE).toFixed(3)}°, RMS ${(difference.rms_rad.x / DEGREE).toFixed(3)}° over ${difference.ticks} ticks` : "");

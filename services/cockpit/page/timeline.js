@@ -21,8 +21,15 @@ export class Timeline {
     this.frame = select("frame", Object.keys(FRAMES).map((name) => [name, name]));
     this.copyStatus = element("span", "c-quiet");
     this.copyStatus.setAttribute("role", "status");
+    /** Strips of the view; null if it has none. @type {import("./strips.js").Strips | null} */ this.strips = null;
+    this.view = "";
+    this.choices = element("div", "choices");
+    this.choices.popover = "auto";
+    this.signals = button("signals", "Signals", () => {});
+    this.signals.popoverTargetElement = this.choices;
+    this.copyPictureButton = button("copy-picture", "Copy picture", () => void this.copyPicture());
     parent.append(this.canvas, element("div", "controls", this.description, this.copyStatus,
-      button("zoom-in", "+", () => data.zoom(0.5)), button("zoom-out", "−", () => data.zoom(2)), button("copy-values", "Copy values", () => void this.copyValues()), button("copy-quaternion", "Copy quaternion", () => void this.copyQuaternion()), element("label", "", "in ", this.frame)));
+      button("zoom-in", "+", () => data.zoom(0.5)), button("zoom-out", "−", () => data.zoom(2)), this.signals, this.copyPictureButton, button("copy-values", "Copy values", () => void this.copyValues()), button("copy-quaternion", "Copy quaternion", () => void this.copyQuaternion()), element("label", "", "in ", this.frame)), this.choices);
     this.canvas.addEventListener("click", (event) => {
       const near = this.nearestEvent(event.offsetX);
       const part = (event.offsetX - LEFT) / (this.canvas.clientWidth - LEFT - RIGHT);
@@ -32,6 +39,14 @@ export class Timeline {
     this.from = 0;
     this.to = 0;
     /** Events shown, for tests. @type {{ label: string, kind: string, t: number, x: number }[]} */ this.drawn = [];
+  }
+
+  /** Shows the controls of a view's strips. @param {import("./strips.js").Strips | null} strips @param {string} view */
+  setStrips(strips, view) {
+    this.strips = strips;
+    this.view = view;
+    this.signals.hidden = this.copyPictureButton.hidden = !strips;
+    this.choices.replaceChildren(...(strips ? [strips.choices] : []));
   }
 
   /** Returns the time span: that of the strips, or the whole recording. @returns {[number, number]} */
@@ -79,8 +94,6 @@ export class Timeline {
     context.fillText("flags", 8, 15 + ROW_PX);
     const shown = data.events.filter(({ t, until }) => t !== null && (until ?? t) >= this.from && t <= this.to);
     this.drawn = [];
-    // Labels are placed from the newest to the oldest; one without room is left out.
-    const taken = [width, width];
     const marks = shown.map((event) => {
       const row = event.kind === "FLAG" ? 1 : 0, y = 3 + row * ROW_PX, x = Math.max(LEFT, this.x(event.t ?? 0));
       const length = event.until === null ? 0 : this.x(event.until) - x;
@@ -91,17 +104,23 @@ export class Timeline {
       else context.fillRect(x - 2, y + 2, 4, 12);
       return { event, row, y, x, length, style };
     });
-    // Labels are drawn over all marks.
-    for (const { event, row, y, x, length, style } of marks.reverse()) {
-      context.fillStyle = style;
-      const from = x + Math.max(length, 5) + 4, textWidth = context.measureText(event.label).width, end = taken[row];
-      taken[row] = Math.min(taken[row], x - 6);
-      if (from + textWidth + 6 <= end) context.fillText(event.label, from, y + 12);
-      else if (x - 9 <= end && x - textWidth - 9 > LEFT) {
-        context.fillText(event.label, x - textWidth - 9, y + 12);
-        taken[row] = x - textWidth - 15;
+    // Labels are placed from the newest to the oldest, right or left of their marks. One without room is left out.
+    for (const row of [0, 1]) {
+      const ofRow = marks.filter((mark) => mark.row === row).sort((a, b) => a.x - b.x);
+      let end = width;
+      for (let at = ofRow.length - 1; at >= 0; at--) {
+        const { event, y, x, length, style } = ofRow[at], before = ofRow[at - 1];
+        const from = x + Math.max(length, 5) + 4, textWidth = context.measureText(event.label).width, left = x - textWidth - 9;
+        context.fillStyle = style;
+        if (from + textWidth + 6 <= end) {
+          context.fillText(event.label, from, y + 12);
+          end = x - 6;
+        } else if (x - 9 <= end && left > (before ? before.x + Math.max(before.length, 5) + 4 : LEFT)) {
+          context.fillText(event.label, left, y + 12);
+          end = left - 6;
+        } else end = Math.min(end, x - 6);
+        this.drawn.push({ label: event.label, kind: event.kind, t: event.t ?? 0, x });
       }
-      this.drawn.push({ label: event.label, kind: event.kind, t: event.t ?? 0, x });
     }
     const at = data.shown()?.t;
     if (at !== undefined && (data.cursor !== null || data.recording.length)) {
@@ -131,6 +150,23 @@ export class Timeline {
   async copyQuaternion() {
     const q = quaternion(this.data.shown()?.picture.attitude?.quaternion);
     if (q) await this.copy(FRAMES[this.frame.value](q).join(", "), `w, x, y, z in ${this.frame.value}`);
+  }
+
+  /** Copies a picture of the strips, or saves it if the browser denies access to the clipboard. */
+  async copyPicture() {
+    if (!this.strips) return;
+    const picture = this.strips.picture();
+    try {
+      await navigator.clipboard.write([new ClipboardItem({ "image/png": picture })]);
+      this.copyStatus.textContent = "copied: picture";
+    } catch {
+      const link = element("a", "");
+      link.download = `${this.data.standing.system || "plumbline"}-${this.view}.png`;
+      link.href = URL.createObjectURL(await picture);
+      link.click();
+      URL.revokeObjectURL(link.href);
+      this.copyStatus.textContent = `saved: ${link.download}`;
+    }
   }
 
   /** @param {string} text @param {string} what */

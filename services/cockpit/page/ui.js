@@ -34,6 +34,24 @@ export function setTheme(name) {
   tints.clear();
 }
 
+/** Returns a stored setting, or null if there is none or the browser denies access to its storage. @param {"localStorage" | "sessionStorage"} storage Storage of the browser or of the tab @param {string} name */
+export function stored(storage, name) {
+  try {
+    return window[storage].getItem(name);
+  } catch {
+    return null;
+  }
+}
+
+/** Stores a setting. Without access to the storage it is kept only until the page is closed. @param {"localStorage" | "sessionStorage"} storage @param {string} name @param {string} value */
+export function store(storage, name, value) {
+  try {
+    window[storage].setItem(name, value);
+  } catch {
+    // The page works without storage.
+  }
+}
+
 /** Creates an element with text or children. @template {keyof HTMLElementTagNameMap} T @param {T} tag @param {string} className @param {...(string | Node)} children */
 export function element(tag, className, ...children) {
   const created = document.createElement(tag);
@@ -85,7 +103,7 @@ export function createCanvas(label) {
   return created;
 }
 
-/** Fits a canvas to its element and clears it. Returns its context, width and height. @param {HTMLCanvasElement} canvas @returns {[CanvasRenderingContext2D, number, number] | null} */
+/** Fits a canvas to its element, clears it and resets its context. Returns its context, width and height. @param {HTMLCanvasElement} canvas @returns {[CanvasRenderingContext2D, number, number] | null} */
 export function prepareCanvas(canvas) {
   const context = canvas.getContext("2d");
   const ratio = Math.min(devicePixelRatio, 2);
@@ -93,8 +111,8 @@ export function prepareCanvas(canvas) {
   if (!context || !width || !height) return null;
   const [wide, high] = [Math.round(width * ratio), Math.round(height * ratio)];
   if (canvas.width !== wide || canvas.height !== high) { canvas.width = wide; canvas.height = high; }
+  context.reset();
   context.setTransform(ratio, 0, 0, ratio, 0, 0);
-  context.clearRect(0, 0, width, height);
   return [context, width, height];
 }
 

@@ -1,7 +1,7 @@
 //! Files of the page, built into the executable.
 //!
 //! Input: the path and the headers of a request.
-//! Output: the file with its entity tag, compressed if the client accepts gzip.
+//! Output: the file without comments, with its entity tag, compressed if the client accepts gzip.
 //! Failure: an unknown path is answered with 404.
 
 use std::{collections::HashMap, io::Write as _};
@@ -17,12 +17,12 @@ use messages::Flags;
 use serde_json::{Map, Value, json};
 
 macro_rules! page_files {
-    ($($name:literal)*) => { &[$(($name, include_bytes!(concat!("../page/", $name)))),*] };
+    ($($name:literal)*) => { &[$(($name, include_str!(concat!("../page/", $name)))),*] };
 }
 
 /// Names and contents of the page's files, sorted by name.
-const FILES: &[(&str, &[u8])] = page_files! {
-    "attitude.js" "calibration.js" "data.js" "fleet.js" "fly.js" "icon.svg" "index.html" "main.js" "method.js" "mounting.js" "parameters.js"
+const FILES: &[(&str, &str)] = page_files! {
+    "attitude.js" "bodies.js" "calibration.js" "data.js" "fleet.js" "fly.js" "icon.svg" "index.html" "main.js" "method.js" "mounting.js" "parameters.js"
     "scene.js" "sensors.js" "strips.js" "style.css" "system.js" "timeline.js" "ui.js" "wire.js"
 };
 
@@ -41,7 +41,7 @@ struct Asset {
 impl PageFiles {
     /// Loads every file and adds `schema.json`, the protobuf schema for the page's decoder.
     pub(crate) fn new() -> Self {
-        let files = FILES.iter().map(|(name, bytes)| (*name, Bytes::from_static(bytes)));
+        let files = FILES.iter().map(|(name, text)| (*name, without_comments(name, text).into()));
         let schema = ("schema.json", Bytes::from(schema().to_string()));
         Self(files.chain([schema]).map(|(name, bytes)| (name, Asset::new(name, bytes))).collect())
     }
@@ -88,6 +88,24 @@ impl Asset {
         let gzip = gzip.filter(|gzip| gzip.len() < bytes.len()).map(Bytes::from);
         Self { kind, tag: etag(&bytes), plain: bytes, gzip }
     }
+}
+
+/// Returns a script or a style sheet without its `/* */` comments and its lines of `//` comments,
+/// and other files as they are. The page's files have no other comments and contain `/*` and `*/`
+/// only in comments. Line breaks stay, so that errors have the line numbers of the source.
+fn without_comments(name: &str, text: &str) -> String {
+    if !name.ends_with(".js") && !name.ends_with(".css") {
+        return text.into();
+    }
+    let mut parts = text.split("/*");
+    let mut code = parts.next().unwrap_or_default().to_owned();
+    for part in parts {
+        let (comment, after) = part.split_once("*/").unwrap_or((part, ""));
+        code.extend(comment.matches('\n'));
+        code.push_str(after);
+    }
+    let lines = code.lines().map(str::trim_end);
+    lines.map(|line| if line.trim_start().starts_with("//") { "" } else { line }).collect::<Vec<_>>().join("\n") + "\n"
 }
 
 /// Returns the entity tag of a file, its 64-bit FNV-1a hash. The hash need not be cryptographic,
@@ -165,6 +183,14 @@ mod tests {
     }
 
     #[test]
+    fn comments_are_not_sent_and_code_is() {
+        let script = "// Head.\n/** @type {string} */ const a = \"https://host\";\n/** Sum.\n * @param b */\n  // c\nf(a) / 2;\n";
+        assert_eq!(without_comments("a.js", script), "\n const a = \"https://host\";\n\n\n\nf(a) / 2;\n");
+        assert_eq!(without_comments("a.css", "/* Grey. */\na { top: 0; }\n"), "\na { top: 0; }\n");
+        assert_eq!(without_comments("a.html", "<p>/* text */</p>\n"), "<p>/* text */</p>\n");
+    }
+
+    #[test]
     fn page_is_small_and_loads_nothing_external() {
         let folder = concat!(env!("CARGO_MANIFEST_DIR"), "/page");
         let mut present: Vec<_> =
@@ -172,9 +198,10 @@ mod tests {
         present.sort();
         assert_eq!(present, FILES.iter().map(|(name, _)| *name).collect::<Vec<_>>(), "FILES lists the whole folder");
         let mut total = 0;
-        for (path, bytes) in FILES {
-            total += bytes.len();
-            let text = String::from_utf8_lossy(bytes);
+        for (path, source) in FILES {
+            let text = without_comments(path, source);
+            total += text.len();
+            assert_eq!(text.lines().count(), source.lines().count(), "{path}");
             let forbidden =
                 ["http://", "https://", "//cdn", "innerHTML", "eval(", "document.write", "<script>", "style=\""];
             let found: Vec<_> = forbidden.iter().filter(|word| text.contains(**word)).collect();
@@ -182,7 +209,7 @@ mod tests {
                 path.ends_with(".svg") || text.matches("http://").count() == text.matches("http://www.w3.org/").count();
             assert!(found.is_empty() || found == [&"http://"] && is_namespace, "{path}: {found:?}");
         }
-        assert!(total < 160_000, "{total} bytes");
+        assert!(total < 150_000, "{total} bytes");
         let sent = |asset: &Asset| asset.gzip.as_ref().unwrap_or(&asset.plain).len();
         let compressed: usize = PageFiles::new().0.values().map(sent).sum();
         println!("{total} bytes without the schema, {compressed} bytes compressed with it");
