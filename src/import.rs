@@ -251,7 +251,7 @@ impl ReadableFile {
     pub(crate) fn announce_references(&self, reference: &Path) {
         // Errors of both files are reported by the run.
         if let Ok([used, rows]) = count_references(&self.path, reference) {
-            let file = self.user_path.display();
+            let file = foreign::path(&self.user_path);
             supervisor::announce(format_args!("{file}: {used} of {rows} samples with a reference"));
         }
     }
@@ -291,7 +291,7 @@ impl ReadableTable {
         let Ok(folder) = tempfile::Builder::new().prefix("plumb-import-").tempdir() else { return unchanged };
         let out = folder.path().join(name.strip_suffix(".gz").unwrap_or(&name));
         let Ok(notes) = convert_table(path, table, &out) else { return unchanged };
-        notes.iter().for_each(|note| supervisor::announce(format_args!("{}: {note}", path.display())));
+        notes.iter().for_each(|note| supervisor::announce(format_args!("{}: {note}", foreign::path(path))));
         Self { path: out, user_path: path.to_owned(), _folder: Some(folder) }
     }
 
@@ -302,7 +302,7 @@ impl ReadableTable {
 }
 
 fn replace_path(text: &str, path: &Path, user_path: &Path) -> String {
-    text.replace(&*path.to_string_lossy(), &user_path.to_string_lossy())
+    text.replace(&foreign::path(path).to_string(), &foreign::path(user_path).to_string())
 }
 
 /// Returns the number of rows with a reference from a separate file, and the number of all rows.

@@ -71,6 +71,6 @@ pub(crate) fn run(command: &PaperCommand) -> ExitCode {
             Err(error) => return fail(&error, 1),
         }
     }
-    text += &format!("All figures: {}", command.out_dir.join(papers::page::INDEX_FILE).display());
+    text += &format!("All figures: {}", foreign::path(&command.out_dir.join(papers::page::INDEX_FILE)));
     print(&text)
 }

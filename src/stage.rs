@@ -157,7 +157,7 @@ fn crates_source(source: &str) -> Result<String, String> {
             foreign::path(&absolute)
         ));
     }
-    Ok(absolute.display().to_string())
+    Ok(absolute.to_string_lossy().into_owned())
 }
 
 fn test(slot: Option<Slot>, names: &[String], launch: Option<&Path>, json: bool) -> ExitCode {

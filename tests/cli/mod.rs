@@ -4,6 +4,7 @@ mod calibrate;
 mod demo;
 mod detached;
 mod help;
+mod hostile;
 mod keys;
 mod manual;
 mod observers;

@@ -182,6 +182,8 @@ fn frozen_service_is_killed_and_restarted() {
         }
     });
     assert!(run.stderr.contains("has reported no health for"), "{}", run.stderr);
+    let stopped = |line: &str| line.split_once("(kernel state before: ").is_some_and(|(_, state)| state.contains(" T"));
+    assert!(run.stderr.lines().any(stopped), "{}", run.stderr);
 }
 
 /// Kills a service and freezes its next incarnation as soon as the incarnation exists.

@@ -33,7 +33,7 @@ pub enum BusError {
     },
     /// A file of the system belongs to another user or is accessible to others.
     #[error(
-        "using {path}: {why}; it was left unchanged: {hint}remove it if it is not needed (sudo rm -r {path}), or set another `name` in launch.toml"
+        "using {path:?}: {why}; it was left unchanged: {hint}remove it if it is not needed (sudo rm -r {path:?}), or set another `name` in launch.toml"
     )]
     ForeignFile {
         /// Path of the file or folder.
@@ -44,7 +44,7 @@ pub enum BusError {
         hint: String,
     },
     /// A file or folder of the bus could not be used.
-    #[error("{doing} {path}: {cause}; check that it belongs to this user and that there is free space")]
+    #[error("{doing} {path:?}: {cause}; check that it belongs to this user and that there is free space")]
     File {
         /// Operation that failed.
         doing: &'static str,
@@ -61,8 +61,7 @@ pub enum BusError {
     },
     /// The shared state of the system was truncated or overwritten.
     #[error(
-        "the shared state of the system was damaged ({}), so its ticks are unknown; restart the system with `plumb up`",
-        path.display()
+        "the shared state of the system was damaged ({path:?}), so its ticks are unknown; restart the system with `plumb up`"
     )]
     SharedStateDamaged {
         /// Path of the shared state.
@@ -121,7 +120,7 @@ pub enum BusError {
         pids: Vec<u32>,
     },
     /// A process was killed while creating a segment, so the segment cannot be opened.
-    #[error("observing the system {name:?}: {path} is incomplete because its creator was killed; restart the system")]
+    #[error("observing the system {name:?}: {path:?} is incomplete because its creator was killed; restart the system")]
     IncompleteSegment {
         /// System name.
         name: String,

@@ -19,6 +19,9 @@ use crate::{
     system_name::{NAME_PREFIX, OWNER_START_TIMEOUT, POLL_INTERVAL, SHARED_MEMORY},
 };
 
+/// Extensions of segments with a predictable name: the state of a topic, and the number of nodes.
+const RESERVED_KINDS: [&str; 2] = ["dynamic", "global_mgmt"];
+
 /// Files of one system and their state.
 #[derive(Debug)]
 pub struct StaleResources {
@@ -76,8 +79,8 @@ impl StaleResources {
     ///
     /// Fails if a file belongs to another user.
     pub fn for_system(system_name: &SystemName) -> Result<Self, BusError> {
+        system_name.check_reserved_files()?;
         let files = system_name.files();
-        files.iter().try_for_each(|path| owned_files::check_owner(path))?;
         let liveness = match system_name.owner_pid()? {
             Some(pid) => SystemLiveness::Running { pid },
             None => match (system_name.processes_without_files(), pids_with_open(&system_name.members_path())) {
@@ -158,13 +161,32 @@ impl SystemName {
         (0..MAX_OBSERVERS).flat_map(|number| pids_with_open(&self.observer_lock_path(number))).collect()
     }
 
-    /// Returns all files and folders of the system.
+    /// Returns all files and folders of the system. Entries that other users have created under its
+    /// name are not part of it.
     pub(crate) fn files(&self) -> Vec<PathBuf> {
+        self.entries().into_iter().filter(|path| owned_files::check_owner(path).is_ok()).collect()
+    }
+
+    /// Checks that no other user has created a file that the system itself would create or open.
+    /// Other names contain random numbers, and a segment with such a name is created exclusively.
+    pub(crate) fn check_reserved_files(&self) -> Result<(), BusError> {
+        let locks = [self.shared_state_path(), self.members_path(), self.root()];
+        let observers: Vec<_> = (0..MAX_OBSERVERS).map(|number| self.observer_lock_path(number)).collect();
+        let is_reserved = |path: &PathBuf| {
+            locks.contains(path)
+                || observers.contains(path)
+                || path.extension().is_some_and(|kind| RESERVED_KINDS.iter().any(|reserved| kind == *reserved))
+        };
+        self.entries().iter().filter(|path| is_reserved(path)).try_for_each(|path| owned_files::check_owner(path))
+    }
+
+    /// Returns all files and folders with the name of the system, of any user.
+    fn entries(&self) -> Vec<PathBuf> {
         let prefix = self.prefix();
         let segments = fs::read_dir(SHARED_MEMORY).into_iter().flatten().flatten();
-        let own = segments.filter(|entry| entry.file_name().to_string_lossy().starts_with(&prefix));
+        let named = segments.filter(|entry| entry.file_name().to_string_lossy().starts_with(&prefix));
         let folder = Some(self.root()).filter(|root| fs::symlink_metadata(root).is_ok());
-        own.map(|entry| entry.path()).chain(folder).collect()
+        named.map(|entry| entry.path()).chain(folder).collect()
     }
 
     /// Returns a segment that has no size because its creator was killed too early, if there is

@@ -86,7 +86,7 @@ impl SystemName {
 
     /// Acquires the name, and a lock that prevents other processes from joining.
     fn acquire(&self, members_limit: Duration, create: bool) -> Result<(Claim, File), BusError> {
-        self.files().iter().try_for_each(|path| owned_files::check_owner(path))?;
+        self.check_reserved_files()?;
         let deadline = Instant::now() + OWNER_EXIT_TIMEOUT;
         // An owner removes the shared-state file when it ends. If that happened before the file was
         // locked here, the locked file is stale, and the next iteration opens the new one.
@@ -269,8 +269,7 @@ impl SystemName {
     fn remove_files(&self) {
         let kept = [self.shared_state_path(), self.members_path(), self.root()];
         for path in self.files().iter().filter(|path| !kept.contains(path)) {
-            // A file that cannot be removed belongs to another user. The error is reported when the
-            // file is created again.
+            // If a file cannot be removed, the error is reported when the file is created again.
             let _ = fs::remove_file(path);
         }
         let _ = fs::remove_dir_all(self.root());

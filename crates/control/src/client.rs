@@ -9,6 +9,7 @@ use std::{
 };
 
 use bus::{BusError, SystemName};
+use foreign::ForeignText;
 use rustix::net::{AddressFamily, SocketAddrUnix, SocketFlags, SocketType, connect, socket_with};
 use serde::de::DeserializeOwned;
 
@@ -26,7 +27,7 @@ pub enum ControlError {
     #[error(transparent)]
     Name(#[from] BusError),
     /// The control socket could not be opened.
-    #[error("opening {path}: {cause}")]
+    #[error("opening {path}: {cause}", path = foreign::path(path))]
     Open {
         /// Path of the socket.
         path: PathBuf,
@@ -54,12 +55,12 @@ pub enum ControlError {
         timeout_s: f64,
     },
     /// The request failed.
-    #[error("contacting the system {name:?}: {cause}")]
+    #[error("contacting the system {name:?}: {}", cause.with_lines())]
     Failed {
         /// System name.
         name: String,
         /// Cause of the failure.
-        cause: String,
+        cause: ForeignText,
     },
 }
 
@@ -77,7 +78,7 @@ pub fn send_request<A: DeserializeOwned>(name: &str, request: &ControlRequest) -
         BusError::File { cause, .. } => not_running(cause),
         error => ControlError::Name(error),
     })?;
-    let failed_with = |cause: String| ControlError::Failed { name: name.into(), cause };
+    let failed_with = |cause: String| ControlError::Failed { name: name.into(), cause: cause.into() };
     let io_failure = |timeout: Option<Duration>| {
         move |cause: io::Error| match (cause.kind(), timeout) {
             (ErrorKind::WouldBlock, Some(timeout)) => {
@@ -87,7 +88,7 @@ pub fn send_request<A: DeserializeOwned>(name: &str, request: &ControlRequest) -
             (ErrorKind::ConnectionReset | ErrorKind::BrokenPipe, _) => {
                 ControlError::NotRunning { name: name.into(), cause }
             }
-            _ => ControlError::Failed { name: name.into(), cause: cause.to_string() },
+            _ => ControlError::Failed { name: name.into(), cause: cause.to_string().into() },
         }
     };
     let mut stream = connect_socket(&socket).map_err(|cause| match cause.kind() {

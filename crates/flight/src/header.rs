@@ -51,7 +51,7 @@ impl FlightHeader {
             ("version", Some((*version).to_owned())),
             ("system", Some(system.clone())),
             ("host", Some(host.clone())),
-            ("launch_file", launch_file.as_ref().map(|path| path.display().to_string())),
+            ("launch_file", launch_file.as_ref().map(|path| path.to_string_lossy().into_owned())),
             ("start_utc", Some(utc((now_ns(clocks) / 1_000_000_000).cast_signed(), ["-", "T", ":"]))),
             ("rate_hz", Some(rate_hz.to_string())),
             ("realtime_minus_monotonic_ns", Some(clocks.offset_ns.to_string())),

@@ -53,6 +53,18 @@ pub fn list<'a>(texts: impl IntoIterator<Item = &'a ForeignText>) -> String {
     texts.into_iter().map(ToString::to_string).collect::<Vec<_>>().join(", ")
 }
 
+/// Replaces the characters that [`ForeignText`] escapes by visible ones of equal length, so that
+/// offsets in the text remain valid. Line breaks and tabs are kept.
+pub fn masked(text: &str) -> String {
+    let mask = |letter: char| match letter.len_utf8() {
+        _ if !is_escaped(letter) || matches!(letter, '\n' | '\t') => letter,
+        1 => '?',
+        2 => '¿',
+        _ => '\u{fffd}',
+    };
+    text.chars().map(mask).collect()
+}
+
 /// Returns `true` for characters that control a terminal, end a line or reorder text.
 fn is_escaped(letter: char) -> bool {
     letter.is_control()
@@ -144,6 +156,14 @@ mod tests {
             assert_eq!(ForeignText::from(text).to_string(), text);
         }
         assert_eq!(format!("{:<6}|{:>6}", ForeignText::from("é"), ForeignText::from("\n")), "é     |    \\n");
+    }
+
+    #[test]
+    fn masked_text_has_equal_length_and_lines() {
+        let text = "a = \"\x1b[2J\u{9b}2J\u{61c}\u{2028}\u{202e}\"\r\n\tb";
+        let masked = masked(text);
+        assert_eq!(masked, "a = \"?[2J¿2J¿\u{fffd}\u{fffd}\"?\n\tb");
+        assert_eq!(masked.len(), text.len());
     }
 
     #[test]

@@ -6,6 +6,7 @@
 use std::sync::{Mutex, PoisonError};
 
 use attitude::parameters::Parameter;
+use foreign::ForeignText;
 use sdk::Description;
 
 /// Maximum number of entries, which is more than any launch file needs.
@@ -27,10 +28,13 @@ pub(crate) fn text(text: &str) -> Option<&'static str> {
     })
 }
 
-/// Interns the parameters of a description. Returns `None` if the limit is reached.
+/// Interns the parameters of a description, with their texts escaped. Returns `None` if the limit
+/// is reached.
 pub(crate) fn parameters(description: &Description) -> Option<&'static [Parameter]> {
+    let escaped = |written: &str| text(&ForeignText::from(written).to_string());
     let table = description.parameters.iter().map(|parameter| {
-        let (name, unit, about) = (text(&parameter.name)?, text(&parameter.unit)?, text(&parameter.description)?);
+        let (name, unit, about) =
+            (escaped(&parameter.name)?, escaped(&parameter.unit)?, escaped(&parameter.description)?);
         Some(Parameter {
             name,
             unit,

@@ -136,7 +136,7 @@ impl Keys {
         }
         let kept = IssuedCertificate { certificate: read(&certificate)?, key: read(&key)? };
         let authority = Authority::from_pem(&kept)
-            .map_err(|cause| KeysError::InvalidFile { path: certificate, why: cause.to_string() })?;
+            .map_err(|cause| KeysError::InvalidFile { path: certificate, why: cause.to_string().into() })?;
         Ok(Self { folder: folder.into(), authority })
     }
 
@@ -320,7 +320,8 @@ impl Keys {
             let path = self.folder.join(importer.to_string()).join(IMPORTS);
             let text = if path.exists() { read(&path)? } else { String::new() };
             for line in text.lines() {
-                let damaged = |error: KeysError| KeysError::InvalidFile { path: path.clone(), why: error.to_string() };
+                let damaged =
+                    |error: KeysError| KeysError::InvalidFile { path: path.clone(), why: error.to_string().into() };
                 imports.push(Import { exporter: line.parse().map_err(damaged)?, importer: importer.clone() });
             }
         }
@@ -328,7 +329,8 @@ impl Keys {
     }
 
     fn read(&self, certificate: &Path) -> Result<Contents, KeysError> {
-        Contents::from_pem(&read(certificate)?).map_err(|why| KeysError::InvalidFile { path: certificate.into(), why })
+        Contents::from_pem(&read(certificate)?)
+            .map_err(|why| KeysError::InvalidFile { path: certificate.into(), why: why.into() })
     }
 }
 

@@ -25,6 +25,8 @@ pub mod validity;
 
 use std::{io, path::PathBuf};
 
+use foreign::ForeignText;
+
 pub use folder::{Holder, Keys, WrittenFolder};
 pub use party::{Host, Party, Role};
 
@@ -66,7 +68,7 @@ pub enum KeysError {
         max: u32,
     },
     /// The target file or folder exists and replacing it was not requested.
-    #[error("{path} already exists; use --force to replace it{consequence}")]
+    #[error("{path} already exists; use --force to replace it{consequence}", path = foreign::path(path))]
     Exists {
         /// Path of the existing file or folder.
         path: PathBuf,
@@ -74,7 +76,7 @@ pub enum KeysError {
         consequence: &'static str,
     },
     /// The folder contains no authority.
-    #[error("no authority at {path}; create one with `plumb keys init`")]
+    #[error("no authority at {path}; create one with `plumb keys init`", path = foreign::path(path))]
     NoAuthority {
         /// Expected path of the authority's certificate.
         path: PathBuf,
@@ -88,7 +90,7 @@ pub enum KeysError {
         until: String,
     },
     /// The folder contains no such party.
-    #[error("no {party} in {folder}; list the parties with `plumb keys list`")]
+    #[error("no {party} in {folder}; list the parties with `plumb keys list`", folder = foreign::path(folder))]
     UnknownParty {
         /// The missing party.
         party: Party,
@@ -96,22 +98,22 @@ pub enum KeysError {
         folder: PathBuf,
     },
     /// The router's configuration lacks the lines that enclose the access list.
-    #[error("cannot write the access list to {path}: the lines `// {begin}` and `// {end}` are missing; restore them", begin = configuration::LIST_START, end = configuration::LIST_END)]
+    #[error("cannot write the access list to {path}: the lines `// {begin}` and `// {end}` are missing; restore them", begin = configuration::LIST_START, end = configuration::LIST_END, path = foreign::path(path))]
     MissingListMarkers {
         /// Path of the router's configuration.
         path: PathBuf,
     },
     /// The file is not a valid certificate, key or import list.
-    #[error("cannot read {path}: {why}")]
+    #[error("cannot read {path}: {why}", path = foreign::path(path))]
     InvalidFile {
         /// Path of the invalid file.
         path: PathBuf,
         /// Reason why the file is invalid.
-        why: String,
+        why: ForeignText,
     },
     /// The certificate has expired.
     #[error(
-        "the certificate of {name}, {path}, expired on {until} (today is {today} on this machine); on the machine of the authority run `{remedy}` with the options it was created with, then copy the folder again"
+        "the certificate of {name}, {path}, expired on {until} (today is {today} on this machine); on the machine of the authority run `{remedy}` with the options it was created with, then copy the folder again", path = foreign::path(path)
     )]
     Expired {
         /// Common name of the certificate.
@@ -127,7 +129,7 @@ pub enum KeysError {
     },
     /// The certificate is not valid yet.
     #[error(
-        "the certificate of {name}, {path}, is valid from {from}, but today is {today} on this machine; set the clock, for example with timedatectl"
+        "the certificate of {name}, {path}, is valid from {from}, but today is {today} on this machine; set the clock, for example with timedatectl", path = foreign::path(path)
     )]
     NotYetValid {
         /// Common name of the certificate.
@@ -148,7 +150,7 @@ pub enum KeysError {
         cause: rcgen::Error,
     },
     /// A file operation failed.
-    #[error("cannot {action} {path}: {cause}")]
+    #[error("cannot {action} {path}: {cause}", path = foreign::path(path))]
     Io {
         /// Verb of the operation: read, write, create, move or remove.
         action: &'static str,

@@ -15,7 +15,8 @@ use crate::{KeysError, certificate::Contents};
 /// not valid now.
 pub fn check(path: &Path) -> Result<(), KeysError> {
     let text = fs::read_to_string(path).map_err(|cause| KeysError::Io { action: "read", path: path.into(), cause })?;
-    let contents = Contents::from_pem(&text).map_err(|why| KeysError::InvalidFile { path: path.into(), why })?;
+    let contents =
+        Contents::from_pem(&text).map_err(|why| KeysError::InvalidFile { path: path.into(), why: why.into() })?;
     let now = OffsetDateTime::now_utc();
     let (name, path, today) = (contents.common_name.clone(), path.into(), now.date().to_string());
     if contents.not_after < now {

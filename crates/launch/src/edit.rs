@@ -6,6 +6,7 @@ use std::{
     path::{Path, PathBuf},
 };
 
+use foreign::ForeignText;
 use tempfile::NamedTempFile;
 use toml_edit::{DocumentMut, Item, Table, TomlError};
 
@@ -26,12 +27,12 @@ pub enum EditError {
         cause: io::Error,
     },
     /// The file or the new sections are not TOML.
-    #[error("cannot change {}: {cause}; the launch file is unchanged", foreign::path(path))]
+    #[error("cannot change {}: {}; the launch file is unchanged", foreign::path(path), cause.with_lines())]
     Syntax {
         /// Path of the launch file.
         path: PathBuf,
         /// Error with its line.
-        cause: TomlError,
+        cause: ForeignText,
     },
     /// A value has the name of a section.
     #[error("cannot change {}: `{key}` is not a table; write it as a section", foreign::path(path))]
@@ -55,7 +56,7 @@ pub enum EditError {
 /// Returns an error if the file cannot be read or written, or would be invalid.
 pub fn write_sections(path: &Path, block: &str) -> Result<(), EditError> {
     let file_error = |cause| EditError::File { path: path.into(), cause };
-    let syntax_error = |cause| EditError::Syntax { path: path.into(), cause };
+    let syntax_error = |cause: TomlError| EditError::Syntax { path: path.into(), cause: cause.to_string().into() };
     let target = fs::canonicalize(path).map_err(file_error)?;
     let text = fs::read_to_string(&target).map_err(file_error)?;
     let mut document: DocumentMut = text.parse().map_err(syntax_error)?;

@@ -143,7 +143,7 @@ pub(crate) struct File;
 impl Kind<PathBuf> for File {
     fn read(&self, section: &mut Section<'_, '_>, key: Key, out: &mut PathBuf) {
         let folder = section.folder();
-        let default = Some(out.display().to_string()).filter(|path| !path.is_empty());
+        let default = Some(out.to_string_lossy().into_owned()).filter(|path| !path.is_empty());
         section.text(key, "a path", |path| Some(resolve(folder, path)), default, out);
     }
 }

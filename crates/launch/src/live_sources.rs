@@ -98,7 +98,7 @@ keys! {
 const FOLDER: Text<PathBuf> = Text {
     expected: "a folder",
     parse: |text| (!text.is_empty()).then(|| text.into()),
-    show: |folder| Some(folder.display().to_string()),
+    show: |folder| Some(folder.to_string_lossy().into_owned()),
 };
 
 fn device_name(text: &str) -> Option<String> {

@@ -68,11 +68,12 @@ impl Problem {
     }
 
     fn render(&self, file_name: &str, text: &str) -> String {
-        // The title, the labels and the hints can quote the file. The renderer escapes the lines of
-        // the file itself.
+        // The title, the labels and the hints can quote the file.
         let escaped = |text: &String| ForeignText::from(text.as_str()).to_string();
         let [title, label] = [&self.title, &self.label].map(escaped);
         let [help, note] = [&self.help, &self.note].map(|hint| hint.as_ref().map(escaped));
+        // The renderer shows lines of the file, to which the spans refer.
+        let text = &*foreign::masked(&text.replace("\r\n", " \n"));
         let primary = AnnotationKind::Primary.span(within(&self.span, text)).label(label);
         let context = self
             .context
@@ -137,7 +138,7 @@ mod tests {
             [gateway]
             connect = ["f\u001b[2J\nforged"]
         "#;
-        for (file_name, text) in [("launch\x1b[2J\nforged", text), ("launch.toml", "a\x1b[2J = \u{202e}")] {
+        for (file_name, text) in [("launch\x1b[2J\nforged", text), ("launch.toml", "a\x1b[2J\u{9b}2J = \u{202e}\r")] {
             let shown = Launch::parse(file_name, text).unwrap_err().to_string();
             let is_control = |letter: char| letter.is_control() && letter != '\n' || letter == '\u{202e}';
             assert!(!shown.contains(is_control), "{shown:?}");

@@ -60,7 +60,7 @@ fn read(path: &Path) -> Result<Value, String> {
 }
 
 fn config_error(cause: String) -> LinkError {
-    LinkError::Config { what: "access_control", cause }
+    LinkError::Config { what: "access_control", cause: cause.into() }
 }
 
 #[cfg(test)]

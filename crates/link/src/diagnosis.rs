@@ -2,6 +2,7 @@
 
 use std::net::TcpStream;
 
+use foreign::ForeignText;
 use zenoh::Wait;
 
 use crate::{Endpoints, admission::MAX_SESSIONS, endpoints::is_secured};
@@ -34,7 +35,7 @@ fn attempt(endpoints: &Endpoints, endpoint: &str) -> String {
         match settings.into_iter().try_for_each(set) {
             Ok(()) => Ok(config),
             Err(cause) => {
-                Err(crate::error::LinkError::Config { what: "the connection attempt", cause: cause.to_string() })
+                Err(crate::error::LinkError::Config { what: "the connection attempt", cause: cause.to_string().into() })
             }
         }
     });
@@ -79,6 +80,7 @@ fn explain(endpoint: &str, cause: &str) -> String {
     // Zenoh appends its source location to the message.
     let cause = cause.split(" at /").next().unwrap_or_default();
     format!(
-        "no response; check that a gateway or router listens there, that the firewall lets UDP through and that its keys come from the same authority ({cause})"
+        "no response; check that a gateway or router listens there, that the firewall lets UDP through and that its keys come from the same authority ({})",
+        ForeignText::from(cause)
     )
 }

@@ -104,7 +104,7 @@ impl Endpoints {
         }
         let mut config = Config::default();
         let mut set = |key: &'static str, value: String| {
-            let failed = |cause: zenoh::Error| LinkError::Config { what: key, cause: cause.to_string() };
+            let failed = |cause: zenoh::Error| LinkError::Config { what: key, cause: cause.to_string().into() };
             config.insert_json5(key, &value).map_err(failed)
         };
         let client = self.client;

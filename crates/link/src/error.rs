@@ -11,7 +11,7 @@ pub enum LinkError {
         /// Endpoints of the session.
         endpoints: String,
         /// Zenoh error.
-        cause: String,
+        cause: ForeignText,
     },
     /// No endpoint could be reached.
     #[error("connecting: no connection after {limit_s} s: {reason}")]
@@ -36,7 +36,7 @@ pub enum LinkError {
         /// Invalid setting.
         what: &'static str,
         /// Problem with the setting.
-        cause: String,
+        cause: ForeignText,
     },
     /// All ports that were tried are in use.
     #[error(
@@ -56,7 +56,7 @@ pub enum LinkError {
         /// Key of the operation.
         key: String,
         /// Zenoh error.
-        cause: String,
+        cause: ForeignText,
     },
     /// The query received no response.
     #[error("querying {key}: no response within {limit_s:.0} s; `plumb station` lists the visible vehicles")]

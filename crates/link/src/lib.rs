@@ -162,5 +162,5 @@ impl Link {
 }
 
 fn at_key(operation: &'static str, key: &str) -> impl Fn(zenoh::Error) -> LinkError {
-    move |cause| LinkError::Key { operation, key: key.into(), cause: cause.to_string() }
+    move |cause| LinkError::Key { operation, key: key.into(), cause: cause.to_string().into() }
 }

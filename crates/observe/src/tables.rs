@@ -19,7 +19,7 @@ const MAX_FILES: usize = 512;
 
 /// Error while writing a table.
 #[derive(Debug, thiserror::Error)]
-#[error("writing {path}: {cause}; check that the folder can be written to and has space")]
+#[error("writing {path}: {cause}; check that the folder can be written to and has space", path = foreign::path(path))]
 pub struct TableError {
     path: PathBuf,
     cause: io::Error,

@@ -11,7 +11,7 @@ pub enum CollectorError {
     #[error("creating the latency histogram: {0}")]
     Histogram(#[from] CreationError),
     /// The file could not be created.
-    #[error("writing {path}: {cause}")]
+    #[error("writing {path}: {cause}", path = foreign::path(path))]
     Create {
         /// Path of the file.
         path: PathBuf,
@@ -20,7 +20,7 @@ pub enum CollectorError {
     },
     /// The file can no longer be written.
     #[error(
-        "writing {path}: {cause}; the file ends early with a complete line and the run continues: free disk space or set --out to another path"
+        "writing {path}: {cause}; the file ends early with a complete line and the run continues: free disk space or set --out to another path", path = foreign::path(path)
     )]
     Write {
         /// Path of the file.

@@ -147,10 +147,10 @@ pub enum TemplateError {
         meaning: &'static str,
     },
     /// The target folder already exists.
-    #[error("cannot write a stage to {0}: it already exists; choose another folder with --dir or remove it")]
+    #[error("cannot write a stage to {0:?}: it already exists; choose another folder with --dir or remove it")]
     FolderExists(PathBuf),
     /// A file could not be written.
-    #[error("cannot write {path}: {cause}")]
+    #[error("cannot write {path:?}: {cause}")]
     Write {
         /// Path of the file.
         path: PathBuf,

@@ -28,7 +28,7 @@ pub enum TlsError {
     #[error(transparent)]
     Certificate(#[from] KeysError),
     /// A file cannot be read or is not in PEM format.
-    #[error("cannot read {path} for the cockpit's TLS: {cause}")]
+    #[error("cannot read {path} for the cockpit's TLS: {cause}", path = foreign::path(path))]
     File {
         /// Path of the file.
         path: PathBuf,
@@ -36,14 +36,14 @@ pub enum TlsError {
         cause: pem::Error,
     },
     /// The private key is readable by other users.
-    #[error("private key {path} is readable by other users; run `chmod 600 {path}` or create a new key")]
+    #[error("private key {path} is readable by other users; run `chmod 600 {path}` or create a new key", path = foreign::path(path))]
     ReadableKey {
         /// Path of the private key.
         path: PathBuf,
     },
     /// The private key does not belong to the certificate.
     #[error(
-        "cannot use certificate {cert} with private key {key}: {cause}; `plumb keys vehicle NAME --host HOST` creates a matching pair"
+        "cannot use certificate {cert} with private key {key}: {cause}; `plumb keys vehicle NAME --host HOST` creates a matching pair", key = foreign::path(key), cert = foreign::path(cert)
     )]
     KeyMismatch {
         /// Path of the certificate.

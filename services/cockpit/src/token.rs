@@ -33,7 +33,7 @@ pub enum TokenError {
     #[error("no folder known for the cockpit's token; set HOME or XDG_STATE_HOME")]
     NoFolder,
     /// The file cannot be created or read.
-    #[error("cannot store the cockpit's token in {path}: {cause}")]
+    #[error("cannot store the cockpit's token in {path}: {cause}", path = foreign::path(path))]
     File {
         /// Path of the file.
         path: PathBuf,
@@ -41,7 +41,7 @@ pub enum TokenError {
         cause: io::Error,
     },
     /// The file may have been created or read by another user, or it does not contain a token.
-    #[error("cannot use the cockpit's token in {path}: {reason}; remove the file and restart the system")]
+    #[error("cannot use the cockpit's token in {path}: {reason}; remove the file and restart the system", path = foreign::path(path))]
     Insecure {
         /// Path of the file.
         path: PathBuf,
@@ -50,7 +50,7 @@ pub enum TokenError {
     },
     /// The running system has stored no token where this process looks for it.
     #[error(
-        "no cockpit token in {path}; set HOME, XDG_STATE_HOME and STATE_DIRECTORY to the values that the system runs with"
+        "no cockpit token in {path}; set HOME, XDG_STATE_HOME and STATE_DIRECTORY to the values that the system runs with", path = foreign::path(path)
     )]
     Missing {
         /// Path of the file.

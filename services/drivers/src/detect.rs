@@ -267,7 +267,7 @@ fn describe(
     };
     let required: Vec<_> = measurements.iter().filter(of_kind).collect();
     let rate_hz = rate_hz(&required);
-    let path = path.display();
+    let path = path.to_string_lossy();
     let has = |test: fn(&Value) -> bool| measurements.iter().any(|(_, found)| test(&found.value));
     let mut sensors = Vec::new();
     if has(|value| matches!(value, Value::Imu { .. })) {

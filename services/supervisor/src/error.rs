@@ -57,7 +57,7 @@ pub enum UpError {
     },
     /// The launch file lists a service that this executable lacks.
     #[error(
-        "{file}: services lists {service:?}, which needs the feature `{feature}`, which this build lacks; remove {service:?}, or rebuild plumb with --features {feature}"
+        "{file}: services lists {service:?}, which needs the feature `{feature}`, which this build lacks; remove {service:?}, or rebuild plumb with --features {feature}", file = foreign::path(file)
     )]
     AbsentService {
         /// Path of the launch file.
@@ -104,7 +104,7 @@ pub enum UpError {
         today: String,
     },
     /// The output file is the recording being read.
-    #[error("cannot write {path}: it is the recording itself; choose another file with --out")]
+    #[error("cannot write {path}: it is the recording itself; choose another file with --out", path = foreign::path(path))]
     OutIsReplay {
         /// Path of the file.
         path: PathBuf,

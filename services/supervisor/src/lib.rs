@@ -25,6 +25,7 @@
 mod error;
 pub mod in_process;
 mod input;
+mod kernel_state;
 mod last_run;
 mod notify;
 mod orphans;

@@ -37,6 +37,7 @@ use rustix::{
 };
 
 use crate::{
+    kernel_state,
     orphans::Orphans,
     scheduling::{self, SchedulingClass},
 };
@@ -45,6 +46,9 @@ use crate::{
 const USER_HZ: f64 = 100.0;
 /// Time allowed for a process to exit at shutdown before it is killed.
 const TERMINATE_TIMEOUT: Duration = Duration::from_millis(800);
+
+/// Duration from the kill of a process to its exit from which the duration is reported.
+const LATE_EXIT: Duration = Duration::from_millis(100);
 
 /// Maximum number of exited processes that wait for the reaper thread.
 const MAX_UNREAPED: usize = 64;
@@ -93,6 +97,15 @@ struct Process {
     child: Child,
     fd: Option<OwnedFd>,
     stderr: StderrTail,
+    killed: Option<Kill>,
+}
+
+/// Kill of a process that did not respond.
+#[derive(Debug)]
+struct Kill {
+    at: Instant,
+    /// State of the process in the kernel before.
+    kernel_state: String,
 }
 
 impl Processes {
@@ -126,7 +139,7 @@ impl Processes {
             let Some(status) = process.exit_status() else { return false };
             exits.push(Exit {
                 incarnation: *incarnation,
-                exit_status: describe_exit(status),
+                exit_status: describe_exit(status) + &process.killed.as_ref().map_or_else(String::new, Kill::describe),
                 stderr: process.stderr.text(),
             });
             true
@@ -154,6 +167,16 @@ impl Processes {
 
     pub(crate) fn signal(&self, incarnation: u32, signal: Signal) {
         self.all.get(&incarnation).into_iter().for_each(|process| process.signal(signal));
+    }
+
+    /// Kills a process that does not respond. Its exit reports the state that it had in the kernel.
+    pub(crate) fn kill(&mut self, incarnation: u32) {
+        let Some(process) = self.all.get_mut(&incarnation) else { return };
+        if process.killed.is_none() {
+            let kernel_state = kernel_state::describe(process.pid);
+            process.killed = Some(Kill { at: Instant::now(), kernel_state });
+        }
+        process.signal(Signal::KILL);
     }
 
     pub(crate) fn schedule(&self, incarnation: u32, class: SchedulingClass) {
@@ -219,7 +242,7 @@ impl Process {
         let (stdin, stderr) = (child.stdin.take(), StderrTail::new(child.stderr.take()));
         let pid = child.id();
         let fd = Pid::from_raw(pid as i32).and_then(|pid| pidfd_open(pid, PidfdFlags::empty()).ok());
-        let process = Self { pid, child, fd, stderr };
+        let process = Self { pid, child, fd, stderr, killed: None };
         // If the process exited before it read its configuration, the exit is noticed when it is
         // reaped.
         let written = stdin.map_or(Ok(()), |mut stdin| stdin.write_all(text.as_bytes()));
@@ -248,6 +271,17 @@ impl Process {
             // An error means that the process has just exited.
             let _ = kill_process(pid, signal);
         }
+    }
+}
+
+impl Kill {
+    /// Describes the state before the kill, and how long the process took to end if that was long.
+    fn describe(&self) -> String {
+        let Self { at, kernel_state } = self;
+        let duration = at.elapsed();
+        let late =
+            if duration < LATE_EXIT { String::new() } else { format!(", ended after {} ms", duration.as_millis()) };
+        format!(" (kernel state before: {kernel_state}{late})")
     }
 }
 

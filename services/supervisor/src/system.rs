@@ -291,7 +291,7 @@ impl System {
                 self.processes.schedule(incarnation, SchedulingClass::Leaving);
                 self.processes.signal(incarnation, Signal::TERM);
             }
-            Action::Kill { incarnation } => self.processes.signal(incarnation, Signal::KILL),
+            Action::Kill { incarnation } => self.processes.kill(incarnation),
             Action::PublishControl(control) => {
                 self.processes.schedule(control.owner, SchedulingClass::Path);
                 self.connection.iter().for_each(|connection| connection.publish_control(&control));

@@ -54,7 +54,7 @@ pub enum CampaignError {
     #[error("interrupted before the end")]
     Interrupted,
     /// The system exited during the campaign.
-    #[error("the system ended too early: {message}; its log is {log}")]
+    #[error("the system ended too early: {message}; its log is {log}", log = foreign::path(log))]
     EarlyExit {
         /// Last line of the system's log.
         message: ForeignText,
@@ -62,7 +62,7 @@ pub enum CampaignError {
         log: PathBuf,
     },
     /// The system did not start or did not exit in time.
-    #[error("the system did not start or end within {timeout_s} s; see its log {log}")]
+    #[error("the system did not start or end within {timeout_s} s; see its log {log}", log = foreign::path(log))]
     Timeout {
         /// Time waited, s.
         timeout_s: u64,

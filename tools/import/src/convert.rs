@@ -123,7 +123,7 @@ fn common_format(paths: &[PathBuf], options: &Options) -> Result<Format, ImportE
     for path in paths {
         let format = Format::detect(path)?;
         if let Some(remedy) = format.remedy() {
-            let remedy = remedy.replace("FILE", &path.display().to_string()).replace("FOLDER", &folder_name(path));
+            let remedy = remedy.replace("FILE", &path.to_string_lossy()).replace("FOLDER", &folder_name(path));
             return Err(ImportError::UnsupportedFormat { path: path.clone(), format, remedy: remedy.into() });
         }
         if !format.is_text() && paths.len() > 1 {
@@ -145,7 +145,7 @@ fn common_format(paths: &[PathBuf], options: &Options) -> Result<Format, ImportE
 /// Returns the name of the folder into which a file is converted, or the folder itself.
 fn folder_name(path: &Path) -> String {
     let folder = if path.is_dir() { path.to_owned() } else { path.with_extension("") };
-    folder.display().to_string()
+    folder.to_string_lossy().into_owned()
 }
 
 fn open_source<'a>(

@@ -8,7 +8,7 @@ use thiserror::Error;
 #[derive(Debug, Error)]
 pub enum PaperError {
     /// A file or folder cannot be written.
-    #[error("cannot write {path}: {cause}; choose another folder with --out", path = path.display())]
+    #[error("cannot write {path}: {cause}; choose another folder with --out", path = foreign::path(path))]
     Write {
         /// Path of the file or folder.
         path: PathBuf,
@@ -16,7 +16,7 @@ pub enum PaperError {
         cause: io::Error,
     },
     /// The section of a previously reproduced paper cannot be read to compose the index page.
-    #[error("cannot read {path} for the index page: {cause}; reproduce that paper again or delete the file", path = path.display())]
+    #[error("cannot read {path} for the index page: {cause}; reproduce that paper again or delete the file", path = foreign::path(path))]
     Read {
         /// Path of the section file.
         path: PathBuf,

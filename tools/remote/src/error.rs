@@ -20,7 +20,7 @@ pub enum RemoteError {
     },
     /// The key folder is incomplete.
     #[error(
-        "no {file} in {folder}: --keys expects a folder created by `plumb keys operator NAME` or `plumb keys viewer NAME`"
+        "no {file} in {folder}: --keys expects a folder created by `plumb keys operator NAME` or `plumb keys viewer NAME`", folder = foreign::path(folder)
     )]
     NoFile {
         /// Key folder.

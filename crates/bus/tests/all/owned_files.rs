@@ -61,7 +61,7 @@ impl Name {
         for error in errors {
             let message = error.to_string();
             assert!(matches!(&error, BusError::ForeignFile { path: named, .. } if named == path), "{message}");
-            assert!(message.contains(why) && message.contains(&format!("rm -r {}", path.display())), "{message}");
+            assert!(message.contains(why) && message.contains(&format!("rm -r {path:?}")), "{message}");
         }
         assert_eq!(state(path), before);
         if fs::remove_file(path).is_err() {
@@ -131,7 +131,7 @@ fn files_of_other_users_are_rejected_and_kept() {
     if !is_root() {
         return;
     }
-    for end in [".wake", ".members", ".0123.data"] {
+    for end in [".wake", ".members", ".observer.3", ".0123.dynamic", ".0123.global_mgmt"] {
         let name = Name::new();
         let path = name.create_file(end, 0o600);
         chown(&path, Some(NOBODY_UID), Some(NOBODY_UID)).unwrap();
@@ -148,6 +148,34 @@ fn files_of_other_users_are_rejected_and_kept() {
     symlink(name.outside.path(), &folder).unwrap();
     lchown(&folder, Some(NOBODY_UID), Some(NOBODY_UID)).unwrap();
     name.assert_rejected(&folder, "it belongs to user 65534, not to user 0");
+}
+
+#[test]
+fn unused_files_of_other_users_do_no_harm_and_are_kept() {
+    if !is_root() {
+        return;
+    }
+    let name = Name::new();
+    // An empty segment of this user would mean that its creator was killed.
+    let [segment, folder, link] = [".0123.data", ".folder", ".0123.connection"].map(|end| name.path(end));
+    fs::write(&segment, "").unwrap();
+    fs::create_dir(&folder).unwrap();
+    symlink(name.outside.path(), &link).unwrap();
+    let planted = [&segment, &folder, &link];
+    planted.iter().for_each(|path| lchown(path, Some(NOBODY_UID), Some(NOBODY_UID)).unwrap());
+    let before = planted.map(|path| state(path));
+    let claim = name.system_name.claim().unwrap();
+    let bus = Bus::join(&name.system_name, "service").unwrap();
+    let publisher = bus.publisher::<ImuSample>(64).unwrap();
+    drop(Observer::attach(&name.system_name, "test").unwrap());
+    drop((publisher, bus));
+    let claim = claim.renew().unwrap();
+    drop(Bus::join(&name.system_name, "service").unwrap());
+    drop(claim);
+    assert_eq!(StaleResources::for_system(&name.system_name).unwrap().files, Vec::<PathBuf>::new());
+    assert_eq!(planted.map(|path| state(path)), before);
+    fs::remove_dir(&folder).unwrap();
+    [segment, link].iter().for_each(|path| fs::remove_file(path).unwrap());
 }
 
 #[test]

@@ -32,7 +32,10 @@ pub use records::{Channel, Clock, Iio, Layout, Vector};
 #[derive(Debug, thiserror::Error)]
 pub enum IioError {
     /// A file cannot be read.
-    #[error("reading {}: {cause}; check that the device is present and that this user may read it", path.display())]
+    #[error(
+        "reading {}: {cause}; check that the device is present and that this user may read it",
+        foreign::path(path)
+    )]
     Read {
         /// Path of the file.
         path: std::path::PathBuf,
@@ -40,7 +43,7 @@ pub enum IioError {
         cause: std::io::Error,
     },
     /// A file cannot be written.
-    #[error("writing {value:?} to {}: {cause}; grant this user write access with a udev rule", path.display())]
+    #[error("writing {value:?} to {}: {cause}; grant this user write access with a udev rule", foreign::path(path))]
     Write {
         /// Path of the file.
         path: std::path::PathBuf,
@@ -50,7 +53,7 @@ pub enum IioError {
         cause: std::io::Error,
     },
     /// A file has unexpected content.
-    #[error("reading {}: found {found:?}, expected {expected}", path.display())]
+    #[error("reading {}: found {found:?}, expected {expected}", foreign::path(path))]
     Malformed {
         /// Path of the file.
         path: std::path::PathBuf,
@@ -60,7 +63,7 @@ pub enum IioError {
         expected: &'static str,
     },
     /// No device has this name.
-    #[error("no IIO device {name:?} in {}; available: {}", root.display(), names(available))]
+    #[error("no IIO device {name:?} in {}; available: {}", foreign::path(root), names(available))]
     NoDevice {
         /// Folder that contains the device folders.
         root: std::path::PathBuf,
@@ -90,5 +93,5 @@ pub enum IioError {
 }
 
 fn names(available: &[String]) -> String {
-    if available.is_empty() { "no devices".into() } else { available.join(", ") }
+    if available.is_empty() { "no devices".into() } else { format!("{available:?}") }
 }

@@ -4,6 +4,7 @@
 //! Both ends run the same program, so layouts are only compared, not translated. Frames from the
 //! network are validated before use.
 
+use foreign::ForeignText;
 use launch::MAX_CACHE_TICKS;
 use serde::{Deserialize, Serialize};
 
@@ -56,7 +57,7 @@ pub enum FrameError {
     )]
     Layout {
         /// Name of the topic.
-        topic: String,
+        topic: ForeignText,
         /// Fingerprint on this host; 0 if the topic is unknown.
         local: u64,
         /// Fingerprint on the other host.
@@ -135,7 +136,7 @@ fn check_layouts(header: &FrameHeader) -> Result<(), FrameError> {
         let known = topics_in(u8::MAX).find(|(_, known)| known.name == topic);
         let local = known.map_or(0, |(_, known)| known.fingerprint);
         if local != *remote {
-            return Err(FrameError::Layout { topic: topic.clone(), local, remote: *remote });
+            return Err(FrameError::Layout { topic: topic.as_str().into(), local, remote: *remote });
         }
     }
     Ok(())
