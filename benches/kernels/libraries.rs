@@ -40,7 +40,10 @@ type Sample = [[f64; 3]; 3];
 /// Attitudes after each sample: quaternions body to ENU, w, x, y, z.
 type Attitudes = Vec<[f64; 4]>;
 
-const LIBRARIES: [(&str, fn(&[Sample]) -> Attitudes); 5] = [
+/// Computes the attitudes of a recording with a library.
+type Library = fn(&[Sample]) -> Attitudes;
+
+const LIBRARIES: [(&str, Library); 5] = [
     ("plumbline-ahrs", plumbline),
     ("vqf-rs 0.3", vqf_rs),
     ("uf-ahrs 0.2", uf_ahrs),

@@ -13,7 +13,7 @@ use attitude::{
 };
 use bus::Subscriber;
 use launch::{Service, Slot};
-use messages::{AttitudeOutput, Control, Field, FusedState, GnssFix, Layout, Message};
+use messages::{AttitudeOutput, Control, Field, FusedState, Layout, Message};
 use runtime::{Sequence, ServiceContext, SlotLoop, SlotProcessor, serve};
 use slots::course::{CourseMessage, CourseSlot};
 
