@@ -14,13 +14,14 @@ use std::{
 use bus::{BusError, SystemName};
 use clap::Args;
 use control::{ControlRequest, ServiceStatus, send_request};
+use launch::{Launch, LaunchError};
 use rustix::process::{Pid, Signal, kill_process};
 
 use crate::{
     failure::fail,
     notice::notice,
     stdout::{print, print_item},
-    system::LocalSystemArgs,
+    system::{LaunchArgs, LocalSystemArgs, SystemNameArgs},
 };
 
 /// Time limit for the start of every service.
@@ -49,7 +50,9 @@ pub(crate) enum DetachedError {
     Ended(String),
     #[error("the system {name:?} is not ready after {} s; see `plumb ps` and `plumb logs`", START_TIMEOUT.as_secs())]
     NotReady { name: String },
-    #[error("the system {name:?} is not running; select another one with --system")]
+    #[error(transparent)]
+    Launch(#[from] LaunchError),
+    #[error("the system {name:?} is not running; select another one with --system or --launch")]
     NotRunning { name: String },
     #[error("cannot end process {pid}: {cause}")]
     Signal { pid: u32, cause: io::Error },
@@ -61,12 +64,19 @@ pub(crate) enum DetachedError {
     NoLog { name: String },
 }
 
+impl DetachedError {
+    fn exit_code(&self) -> u8 {
+        if matches!(self, Self::Launch(_)) { 3 } else { 1 }
+    }
+}
+
 /// Arguments of `plumb down`.
 #[derive(Args)]
 #[command(after_help = "\
 Examples:
   plumb down
   plumb down --system alpha
+  plumb down --launch boat.toml
 
 Ends a system like Ctrl-C. A system that systemd runs is ended by `systemctl
 stop plumbline`.")]
@@ -84,25 +94,30 @@ Examples:
 
 Prints the messages of the latest `plumb up --detach`.")]
 pub(crate) struct Logs {
-    /// System name [default: that of ./launch.toml, else plumbline]
-    #[arg(long = "system", value_name = "NAME")]
-    name: Option<String>,
+    #[command(flatten)]
+    system: SystemNameArgs,
     /// Wait for further messages until the system ends
     #[arg(long, short)]
     follow: bool,
 }
 
 /// Starts this command line again in the background and waits until every service runs.
-pub(crate) fn start(name: &str) -> ExitCode {
-    match try_start(name) {
-        Ok((pid, log)) => {
+pub(crate) fn start(launch: &LaunchArgs) -> ExitCode {
+    let started = launch.read().map_err(DetachedError::from).and_then(|Launch { name, .. }| {
+        let (pid, log) = try_start(&name)?;
+        Ok((name, pid, log))
+    });
+    match started {
+        Ok((name, pid, log)) => {
+            let option = launch.launch.iter().map(|file| format!(" --launch {}", foreign::path(file)));
             notice(format_args!(
-                "{name} runs in the background, process {pid}, log {}; end it with `plumb down`",
-                foreign::path(&log)
+                "{name} runs in the background, process {pid}, log {}; end it with `plumb down{}`",
+                foreign::path(&log),
+                option.collect::<String>()
             ));
             ExitCode::SUCCESS
         }
-        Err(error) => fail(&error, 1),
+        Err(error) => fail(&error, error.exit_code()),
     }
 }
 
@@ -157,14 +172,14 @@ fn last_lines(log: &Path) -> String {
 }
 
 pub(crate) fn down(Down { system }: Down) -> ExitCode {
-    let name = system.name();
-    match end(&name) {
-        Ok(pid) if system.json => print(&serde_json::json!({ "system": name, "ended_process": pid })),
-        Ok(pid) => {
+    let ended = system.name().map_err(DetachedError::from).and_then(|name| Ok((end(&name)?, name)));
+    match ended {
+        Ok((pid, name)) if system.json => print(&serde_json::json!({ "system": name, "ended_process": pid })),
+        Ok((pid, name)) => {
             notice(format_args!("{name} has ended, process {pid}"));
             ExitCode::SUCCESS
         }
-        Err(error) => fail(&error, 1),
+        Err(error) => fail(&error, error.exit_code()),
     }
 }
 
@@ -186,11 +201,9 @@ fn end(name: &str) -> Result<u32, DetachedError> {
     Err(DetachedError::Hangs { pid })
 }
 
-pub(crate) fn logs(Logs { name, follow }: Logs) -> ExitCode {
-    match print_log(&crate::system::system_name(name.as_deref()), follow) {
-        Ok(code) => code,
-        Err(error) => fail(&error, 1),
-    }
+pub(crate) fn logs(Logs { system, follow }: Logs) -> ExitCode {
+    let printed = system.name().map_err(DetachedError::from).and_then(|name| print_log(&name, follow));
+    printed.unwrap_or_else(|error| fail(&error, error.exit_code()))
 }
 
 fn print_log(name: &str, follow: bool) -> Result<ExitCode, DetachedError> {

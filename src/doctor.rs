@@ -33,7 +33,7 @@ Exit codes: 0 no problem (warnings are possible), 1 a problem remains.")]
 pub(crate) struct DoctorCommand {
     #[command(flatten)]
     system: LocalSystemArgs,
-    /// Remove files of dead systems (with --system, of that system only)
+    /// Remove files of dead systems, or of the system named by an option
     #[arg(long)]
     fix: bool,
     /// Observation time of a running system, such as 500ms or 1m
@@ -42,13 +42,16 @@ pub(crate) struct DoctorCommand {
 }
 
 pub(crate) fn run(DoctorCommand { system, fix, duration }: DoctorCommand) -> ExitCode {
-    let name = system.name();
+    let name = match system.name() {
+        Ok(name) => name,
+        Err(error) => return fail(&error, 3),
+    };
     let system_name = match SystemName::new(&name) {
         Ok(system_name) => system_name,
         Err(error) => return fail(&error, 2),
     };
     let mut checks = machine::checks();
-    checks.extend(leftovers::checks(system.is_named().then_some(&system_name), fix));
+    checks.extend(leftovers::checks(system.selection.is_named().then_some(&system_name), fix));
     checks.extend(match system_name.owner_pid() {
         Ok(Some(pid)) => check_running_system(&name, pid, duration).unwrap_or_else(|check| vec![check]),
         Ok(None) => vec![match observer(&name, "doctor") {

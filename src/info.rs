@@ -26,7 +26,7 @@ Examples:
   plumb info flight.ulg
   plumb info walk_imu.csv.gz --json
 
-Exit codes: 0 complete, 1 truncated, 3 unreadable.")]
+Exit codes: 0 complete, 1 truncated, 2 options needed, 3 unreadable.")]
 pub(crate) struct Info {
     /// Flight (MCAP), recording (CSV, CSV.gz) or log of another system
     file: PathBuf,
@@ -47,6 +47,15 @@ enum InfoError {
     Import(#[from] ImportError),
     #[error(transparent)]
     Recording(#[from] RecordingError),
+}
+
+impl InfoError {
+    fn exit_code(&self) -> u8 {
+        match self {
+            Self::Import(error) if error.exit_code() == 2 => 2,
+            Self::Flight(_) | Self::Import(_) | Self::Recording(_) => 3,
+        }
+    }
 }
 
 /// Summary of a recording that is not a flight.
@@ -110,7 +119,7 @@ pub(crate) fn run(Info { file, json, reading, sensors }: &Info) -> ExitCode {
             _ => show(&read_foreign_log(file, reading, *sensors)?, *json),
         })
     };
-    read().unwrap_or_else(|error| fail(&error, 3))
+    read().unwrap_or_else(|error| fail(&error, error.exit_code()))
 }
 
 fn show<T: Serialize + fmt::Display>(info: &T, json: bool) -> ExitCode {

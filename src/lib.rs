@@ -36,7 +36,7 @@ mod up;
 #[cfg(feature = "cockpit")]
 mod view;
 
-use std::{fmt::Display, path::PathBuf, process::ExitCode};
+use std::{env, fmt::Display, path::PathBuf, process::ExitCode};
 
 #[cfg(not(all(feature = "network", feature = "tui")))]
 use absent::station;
@@ -46,7 +46,10 @@ use absent::top;
 use absent::{cockpit, view};
 #[cfg(not(feature = "network"))]
 use absent::{gateway, keys, remote};
-use clap::{ColorChoice, CommandFactory, Parser, Subcommand};
+use clap::{
+    ColorChoice, CommandFactory, Parser, Subcommand,
+    error::{ContextKind, ContextValue, ErrorKind},
+};
 use launch::Service;
 use mapping::names::UnknownName;
 
@@ -189,9 +192,9 @@ Examples:
     /// Check and show launch files, and derive settings of systemd
     #[command(after_help = "\
 Examples:
-  plumb config check launch.toml
+  plumb config check --launch launch.toml
   plumb config show
-  plumb config unit launch.toml")]
+  plumb config unit --launch /etc/plumbline/launch.toml")]
     Config {
         #[command(subcommand)]
         command: config::Config,
@@ -233,7 +236,7 @@ pub fn main() -> ExitCode {
     bus::report_memory_exhaustion();
     let cli = match Cli::try_parse() {
         Ok(cli) => cli,
-        Err(error) => return report_usage_error(&error),
+        Err(error) => return report_usage_error(with_launch_option(error)),
     };
     notice::configure(cli.color, cli.quiet);
     let Some(command) = cli.command else {
@@ -283,13 +286,29 @@ pub fn main() -> ExitCode {
 }
 
 /// Prints the help, the version or a usage error.
-fn report_usage_error(error: &clap::Error) -> ExitCode {
+fn report_usage_error(error: clap::Error) -> ExitCode {
     if error.use_stderr() {
         print_error_object(&error.render());
     }
     // If standard error is closed, the exit code still reports the failure.
     let _ = error.print();
     ExitCode::from(error.exit_code() as u8)
+}
+
+/// Suggests `--launch` in the error for an unexpected argument that names a launch file.
+fn with_launch_option(mut error: clap::Error) -> clap::Error {
+    let command = command_line();
+    let command = env::args().skip(1).fold(&command, |command, word| command.find_subcommand(word).unwrap_or(command));
+    let accepts_launch = command.get_arguments().any(|argument| argument.get_long() == Some("launch"));
+    if let Some(ContextValue::String(argument)) = error.get(ContextKind::InvalidArg)
+        && error.kind() == ErrorKind::UnknownArgument
+        && argument.ends_with(".toml")
+        && accepts_launch
+    {
+        let tip = format!("to read a launch file, use '--launch {argument}'");
+        error.insert(ContextKind::Suggested, ContextValue::StyledStrs(vec![tip.into()]));
+    }
+    error
 }
 
 fn parse_service(name: &str) -> Result<Service, String> {

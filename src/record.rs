@@ -39,13 +39,17 @@ pub(crate) struct Record {
     duration: Option<Duration>,
 }
 
-/// Returns the exit code of an error.
+/// Returns the exit code of an error of the recording.
 fn exit_code(error: &SystemRecordingError) -> u8 {
     if matches!(error, SystemRecordingError::Flight(FlightError::Exists { .. })) { 2 } else { 1 }
 }
 
 pub(crate) fn run(record: &Record) -> ExitCode {
-    let summary = match record_until_stopped(record) {
+    let name = match record.system.name() {
+        Ok(name) => name,
+        Err(error) => return fail(&error, 3),
+    };
+    let summary = match record_until_stopped(&name, record) {
         Ok(summary) => summary,
         Err(error) => return fail(&error, exit_code(&error)),
     };
@@ -62,10 +66,11 @@ pub(crate) fn run(record: &Record) -> ExitCode {
 
 /// Records until the time limit is reached, a signal arrives or the system ends.
 fn record_until_stopped(
-    Record { system, out, topics, duration }: &Record,
+    name: &str,
+    Record { out, topics, duration, .. }: &Record,
 ) -> Result<RecordingSummary, SystemRecordingError> {
     let topics = if topics.is_empty() { Topic::ALL } else { topics };
-    let mut recording = SystemRecording::start(&system.name(), topics, out, env!("CARGO_PKG_VERSION"))?;
+    let mut recording = SystemRecording::start(name, topics, out, env!("CARGO_PKG_VERSION"))?;
     let mut stop = StopCondition::new(|| true, *duration);
     let end_reason = loop {
         if stop.is_met() {

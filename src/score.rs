@@ -23,6 +23,7 @@ use crate::{
     import::{ReadOptions, ReadableFile, ReadableTable, SensorNumbers},
     notice::{notice, progress_bar},
     stdout::print,
+    system::LaunchArgs,
 };
 
 /// Arguments of `plumb score`.
@@ -53,7 +54,9 @@ Errors are those of BROAD: e = q_est q_ref*, total 2 acos |e_w|, heading 2 atan
 
 ns/update is the CPU time of one step each of gyro, accel and fuser, without
 reading, checks, messages and course: median over 7 rounds, each over the first
-30000 samples of a trial.")]
+30000 samples of a trial. For an own stage it is the CPU time of its program and
+of the exchange with it, over the first 1000 samples.")]
+#[command(mut_arg("launch", |launch| launch.help("Launch file with calibration, mounting, limits and stages")))]
 pub(crate) struct Score {
     /// Recordings, or simulations such as sim:s1 or sim:cruise?seed=1..200
     #[arg(required = true, value_name = "FILE")]
@@ -70,9 +73,8 @@ pub(crate) struct Score {
     /// Stage of the slot course [default: that of --launch, else angles]
     #[arg(long, value_name = "STAGE")]
     course: Option<String>,
-    /// Launch file with calibration, mounting, limits and stages
-    #[arg(long, value_name = "FILE")]
-    launch: Option<PathBuf>,
+    #[command(flatten)]
+    launch: LaunchArgs,
     /// Value or range of a parameter of the selected stages, repeatable
     #[arg(long = "set", value_name = "KEY=VALUE|A..B", value_parser = parse_set)]
     settings: Vec<Set>,
@@ -184,7 +186,7 @@ pub(crate) fn run(score: Score) -> ExitCode {
         Samples::Means => GyroSamples::Means,
         Samples::Instants => GyroSamples::Instants,
     });
-    let base = match base_launch(launch.as_deref(), [&gyro, &accel, &course].into_iter().flatten().chain(&fusers)) {
+    let base = match base_launch(&launch, [&gyro, &accel, &course].into_iter().flatten().chain(&fusers)) {
         Ok(base) => base,
         Err(error) => return fail(&error, 3),
     };
@@ -295,13 +297,13 @@ fn readable(file: &str, reading: &ReadOptions, sensors: SensorNumbers) -> Result
 }
 
 /// Returns the base configuration. No launch file is read if only built-in stages are named.
-fn base_launch<'a>(launch: Option<&Path>, mut wanted: impl Iterator<Item = &'a String>) -> Result<Launch, LaunchError> {
+fn base_launch<'a>(launch: &LaunchArgs, mut wanted: impl Iterator<Item = &'a String>) -> Result<Launch, LaunchError> {
     let is_built_in = |wanted: &String| conformance::stages().any(|(_, name)| name == wanted);
-    if launch.is_none() && wanted.all(is_built_in) {
+    if launch.launch.is_none() && wanted.all(is_built_in) {
         return Ok(Launch::default());
     }
-    let read = crate::stage::read_launch(launch)?;
-    if launch.is_none() {
+    let read = launch.read()?;
+    if launch.launch.is_none() {
         return Ok(Launch { stages: read.stages, ..Launch::default() });
     }
     let Launch { ingest, stages, gyro, accel, fuser, course, north, .. } = read;

@@ -1,24 +1,26 @@
 //! `plumb stage`: lists, tests and creates stages.
 
-use std::{
-    path::{Path, PathBuf},
-    process::ExitCode,
-};
+use std::{path::PathBuf, process::ExitCode, time::Duration};
 
 use ::score::catalogue::Catalogue;
 use clap::{Subcommand, ValueEnum};
 use conformance::Report;
-use launch::{Launch, LaunchError, Slot};
+use launch::{Launch, Slot};
 use mapping::names::UnknownName;
 use rayon::prelude::*;
 use sdk::template::{Language, Template, TemplateError};
 use serde::Serialize;
 
 use crate::{
+    duration::duration,
     failure::fail,
     notice::{colored_results, notice, progress_bar},
     stdout::print,
+    system::LaunchArgs,
 };
+
+/// Interval between two updates of the progress.
+const PROGRESS_INTERVAL: Duration = Duration::from_millis(200);
 
 #[derive(Subcommand)]
 pub(crate) enum Stage {
@@ -29,9 +31,8 @@ Examples:
   plumb stage list --launch my-fuser/launch.toml
   plumb stage list --json")]
     List {
-        /// Launch file with [stages.NAME] to include [default: ./launch.toml]
-        #[arg(long, value_name = "FILE")]
-        launch: Option<PathBuf>,
+        #[command(flatten)]
+        launch: LaunchArgs,
         /// Print one JSON object
         #[arg(long)]
         json: bool,
@@ -43,7 +44,8 @@ Examples:
   plumb stage test vqf madgwick
   plumb stage test my-fuser --launch my-fuser/launch.toml
 
-Checks soundness under every fault, snapshots, hand-over and recovery.
+Checks soundness under every fault, snapshots, hand-over and recovery. The
+report counts the cases that are left out because an own stage is slow.
 Exit codes: 0 all stages pass, 1 otherwise, 2 unknown stage.")]
     Test {
         /// Slot to test: gyro, accel, fuser or course [default: all]
@@ -51,9 +53,14 @@ Exit codes: 0 all stages pass, 1 otherwise, 2 unknown stage.")]
         slot: Option<Slot>,
         /// Stages to test [default: all built-in ones]
         names: Vec<String>,
-        /// Launch file with the [stages.NAME] to test [default: ./launch.toml]
-        #[arg(long, value_name = "FILE")]
-        launch: Option<PathBuf>,
+        #[command(flatten)]
+        launch: LaunchArgs,
+        /// Time for the checks of own stages
+        #[arg(long = "for", value_name = "TIME", default_value = "1m", value_parser = duration)]
+        duration: Duration,
+        /// Run all checks, which takes minutes for a stage in a slow language
+        #[arg(long, conflicts_with = "duration")]
+        complete: bool,
         /// Print one JSON object with the reports on the last line
         #[arg(long)]
         json: bool,
@@ -93,13 +100,15 @@ pub(crate) enum Lang {
 pub(crate) fn run(command: Stage) -> ExitCode {
     match command {
         Stage::New { name, lang, slot, dir, source } => new(name, lang, slot, dir, source),
-        Stage::List { launch, json } => list(launch.as_deref(), json),
-        Stage::Test { slot, names, launch, json } => test(slot, &names, launch.as_deref(), json),
+        Stage::List { launch, json } => list(&launch, json),
+        Stage::Test { slot, names, launch, duration, complete, json } => {
+            test(slot, &names, &launch, (!complete).then_some(duration), json)
+        }
     }
 }
 
-fn list(launch: Option<&Path>, json: bool) -> ExitCode {
-    let launch = match read_launch(launch) {
+fn list(launch: &LaunchArgs, json: bool) -> ExitCode {
+    let launch = match launch.read() {
         Ok(launch) => launch,
         Err(error) => return fail(&error, 3),
     };
@@ -107,15 +116,6 @@ fn list(launch: Option<&Path>, json: bool) -> ExitCode {
         Ok(catalogue) if json => print(&catalogue.json()),
         Ok(catalogue) => print(&catalogue),
         Err(error) => fail(&error, 1),
-    }
-}
-
-/// Reads the launch file that declares external stages, or returns the default.
-pub(crate) fn read_launch(named: Option<&Path>) -> Result<Launch, LaunchError> {
-    let default = Path::new("launch.toml");
-    match named.or_else(|| default.exists().then_some(default)) {
-        Some(path) => Launch::read(path),
-        None => Ok(Launch::default()),
     }
 }
 
@@ -160,11 +160,11 @@ fn crates_source(source: &str) -> Result<String, String> {
     Ok(absolute.to_string_lossy().into_owned())
 }
 
-fn test(slot: Option<Slot>, names: &[String], launch: Option<&Path>, json: bool) -> ExitCode {
+fn test(slot: Option<Slot>, names: &[String], launch: &LaunchArgs, time: Option<Duration>, json: bool) -> ExitCode {
     let is_built_in = |wanted: &String| conformance::stages().any(|(_, name)| name == wanted);
     // A launch file is needed only for stages that are not built in.
     let result =
-        if launch.is_none() && names.iter().all(is_built_in) { Ok(Launch::default()) } else { read_launch(launch) };
+        if launch.launch.is_none() && names.iter().all(is_built_in) { Ok(Launch::default()) } else { launch.read() };
     let launch = match result {
         Ok(launch) => launch,
         Err(error) => return fail(&error, 3),
@@ -188,15 +188,22 @@ fn test(slot: Option<Slot>, names: &[String], launch: Option<&Path>, json: bool)
     let (built_in, external): (Vec<_>, Vec<_>) =
         selected_stages.into_iter().partition(|(_, name)| !launch.stages.contains_key(*name));
     let mut reports = run_built_in(&built_in);
+    let time = time.map(|time| time / external.len().max(1) as u32);
     for (_, name) in external {
         let Some(program) = launch.stages.get(name) else { continue };
-        // The suite takes minutes for a stage in a slow language, so progress is printed.
+        let bar = progress_bar(0, "{spinner} {elapsed} {wide_msg}");
+        bar.enable_steady_tick(PROGRESS_INTERVAL);
         let slot = program.slot;
-        let on_start = &mut |kind: &str| notice(format_args!("{slot} {name}: {kind}"));
-        match conformance::run_external(name, program, on_start) {
+        let on_check = &|check: &str| bar.set_message(format!("{slot} {name}: {check}"));
+        let result = conformance::run_external(name, program, time, on_check);
+        bar.finish_and_clear();
+        match result {
             Ok(report) => reports.push(report),
             Err(error) => return fail(&error, 1),
         }
+    }
+    if reports.iter().any(|report| !report.left_out.is_empty()) {
+        notice("checks were left out for lack of time; to run all: --complete");
     }
     for report in reports.iter().filter(|_| !json) {
         if print(&colored_results(report)) != ExitCode::SUCCESS {

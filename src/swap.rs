@@ -77,7 +77,11 @@ pub(crate) fn swap(swap: Swap) -> ExitCode {
             Err(error) => fail(&error, error.exit_code()),
         };
     }
-    match send_request::<SwapReport>(&swap.system.name(), &ControlRequest::Swap(swap.request(false))) {
+    let name = match swap.system.name() {
+        Ok(name) => name,
+        Err(error) => return fail(&error, 3),
+    };
+    match send_request::<SwapReport>(&name, &ControlRequest::Swap(swap.request(false))) {
         Ok(report) => print_report(&report, json),
         Err(error) => fail(&error, 1),
     }
@@ -92,7 +96,11 @@ pub(crate) fn shadow(shadow: Shadow) -> ExitCode {
             2,
         );
     }
-    let (name, json) = (swap.system.name(), swap.system.json());
+    let json = swap.system.json();
+    let name = match swap.system.name() {
+        Ok(name) => name,
+        Err(error) => return fail(&error, 3),
+    };
     let Some(service) = Service::from_name(&swap.slot) else {
         return fail(&UnknownName::new("slot", &swap.slot, Slot::ALL.map(Slot::name)), 2);
     };
@@ -151,8 +159,10 @@ pub(crate) fn ps(system: SystemArgs) -> ExitCode {
             .open()
             .and_then(|link| remote::services(&link, vehicle))
             .map_err(|error| (error.to_string(), error.exit_code())),
-        None => send_request::<Vec<ServiceStatus>>(&system.name(), &ControlRequest::Status)
-            .map_err(|error| (with_last_run(&error), 1)),
+        None => system.name().map_err(|error| (error.to_string(), 3)).and_then(|name| {
+            send_request::<Vec<ServiceStatus>>(&name, &ControlRequest::Status)
+                .map_err(|error| (with_last_run(&error), 1))
+        }),
     };
     match result {
         Ok(services) if system.json() => print(&serde_json::to_string(&Services { services }).unwrap_or_default()),
@@ -160,15 +170,14 @@ pub(crate) fn ps(system: SystemArgs) -> ExitCode {
             let line = |one: &ServiceStatus| {
                 let ServiceStatus { service, stage, state, pid, restarts, epoch, ticks, lost, address, .. } = one;
                 let pid = pid.map_or("-".into(), |pid| pid.to_string());
-                let address = address.as_ref().map_or(String::new(), |address| format!("  {address}"));
-                let stage = stage.clone().unwrap_or_else(|| "-".into());
-                format!(
-                    "{service:<8}{stage:<24}{state:<10}{pid:>8}{restarts:>9}{epoch:>6}{ticks:>12}{lost:>6}{address}"
-                )
+                // Only services without a stage have an address.
+                let address = address.as_ref().map(ToString::to_string);
+                let stage = stage.as_ref().map(ToString::to_string).or(address).unwrap_or_else(|| "-".into());
+                format!("{service:<8}{stage:<20} {state:<10}{pid:>8}{restarts:>9}{epoch:>6}{ticks:>11}{lost:>6}")
             };
             let head = format!(
-                "{:<8}{:<24}{:<10}{:>8}{:>9}{:>6}{:>12}{:>6}",
-                "service", "stage", "state", "pid", "restarts", "epoch", "ticks", "lost"
+                "{:<8}{:<20} {:<10}{:>8}{:>9}{:>6}{:>11}{:>6}",
+                "service", "stage or address", "state", "pid", "restarts", "epoch", "ticks", "lost"
             );
             print(&[vec![head], services.iter().map(line).collect()].concat().join("\n"))
         }

@@ -1,18 +1,65 @@
-//! Command-line arguments that select a system: one on this machine, or a remote vehicle.
+//! Command-line arguments that select a launch file and a system: one on this machine, or a remote
+//! vehicle.
 
 use std::path::{Path, PathBuf};
 
 use clap::Args;
-use launch::Launch;
+use launch::{Launch, LaunchError};
 
 use crate::remote::RemoteEndpoint;
+
+/// Launch file that is read if none is named.
+const DEFAULT_FILE: &str = "launch.toml";
+
+/// Selection of a launch file.
+#[derive(Args)]
+pub(crate) struct LaunchArgs {
+    /// Launch file [default: ./launch.toml, else the built-in one]
+    #[arg(long = "launch", value_name = "FILE")]
+    pub(crate) launch: Option<PathBuf>,
+}
+
+impl LaunchArgs {
+    /// Returns the selected launch file; `None` for the built-in one.
+    pub(crate) fn path(&self) -> Option<&Path> {
+        let default = Path::new(DEFAULT_FILE);
+        self.launch.as_deref().or_else(|| default.exists().then_some(default))
+    }
+
+    pub(crate) fn read(&self) -> Result<Launch, LaunchError> {
+        self.path().map_or_else(|| Ok(Launch::default()), Launch::read)
+    }
+}
+
+/// Selection of the name of a system on this machine.
+#[derive(Args)]
+pub(crate) struct SystemNameArgs {
+    /// System name [default: that of the launch file]
+    #[arg(long, value_name = "NAME", conflicts_with = "launch")]
+    system: Option<String>,
+    #[command(flatten)]
+    pub(crate) launch: LaunchArgs,
+}
+
+impl SystemNameArgs {
+    /// Returns `true` if the system was selected on the command line.
+    pub(crate) fn is_named(&self) -> bool {
+        self.system.is_some() || self.launch.launch.is_some()
+    }
+
+    pub(crate) fn name(&self) -> Result<String, LaunchError> {
+        match &self.system {
+            Some(name) => Ok(name.clone()),
+            None => Ok(self.launch.read()?.name),
+        }
+    }
+}
 
 /// Selection of a system on this machine.
 #[derive(Args)]
 pub(crate) struct LocalSystemArgs {
-    /// System name [default: that of ./launch.toml, else plumbline]
-    #[arg(long = "system", value_name = "NAME")]
-    name: Option<String>,
+    #[command(flatten)]
+    pub(crate) selection: SystemNameArgs,
     /// Print JSON
     #[arg(long)]
     pub(crate) json: bool,
@@ -24,7 +71,7 @@ pub(crate) struct SystemArgs {
     #[command(flatten)]
     local: LocalSystemArgs,
     /// Remote vehicle to use instead of a system on this machine
-    #[arg(long, value_name = "VEHICLE", conflicts_with = "name")]
+    #[arg(long, value_name = "VEHICLE", conflicts_with_all = ["system", "launch"])]
     remote: Option<String>,
     #[command(flatten)]
     endpoint: EndpointArgs,
@@ -52,7 +99,7 @@ impl SystemArgs {
         self.local.json
     }
 
-    pub(crate) fn name(&self) -> String {
+    pub(crate) fn name(&self) -> Result<String, LaunchError> {
         self.local.name()
     }
 
@@ -63,18 +110,7 @@ impl SystemArgs {
 }
 
 impl LocalSystemArgs {
-    /// Returns `true` if the system was named on the command line.
-    pub(crate) fn is_named(&self) -> bool {
-        self.name.is_some()
+    pub(crate) fn name(&self) -> Result<String, LaunchError> {
+        self.selection.name()
     }
-
-    pub(crate) fn name(&self) -> String {
-        system_name(self.name.as_deref())
-    }
-}
-
-/// Returns the given name, or that of ./launch.toml, or the default.
-pub(crate) fn system_name(named: Option<&str>) -> String {
-    let from_file = || Some(Launch::read(Path::new("launch.toml")).ok()?.name);
-    named.map(str::to_owned).or_else(from_file).unwrap_or_else(|| Launch::default().name)
 }

@@ -137,7 +137,7 @@ fn observe(mut views: Vec<TopicView>, mut stop: StopCondition) -> Result<Vec<Top
 }
 
 fn echo(args: &TopicArgs, every: u64) -> Result<ExitCode, ObserveError> {
-    let frame = DisplayFrame::from_system(&args.system);
+    let frame = DisplayFrame::from_system(&args.system)?;
     let (mut received, mut printed) = (0, ControlFlow::Continue(()));
     let messages = args.count.map(|count| (count - 1).saturating_mul(every).saturating_add(1));
     let report = follow_topic(
@@ -206,7 +206,7 @@ fn follow_topic(
         })?;
     }
     if stop.system_ended() {
-        notice(source.end_message(system));
+        notice(source.end_message());
     }
     Ok(view.flow.report())
 }

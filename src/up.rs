@@ -21,15 +21,15 @@ use crate::{
     import::{ReadOptions, ReadableFile, SensorNumbers},
     notice::{is_quiet, notice},
     replay,
-    stage::read_launch,
     stdout::print,
+    system::LaunchArgs,
 };
 
 /// Arguments of `plumb up`.
 #[derive(Args)]
 #[command(after_help = "\
 Examples:
-  plumb up --detach                           # until `plumb down`
+  plumb up --launch launch.toml --detach      # until `plumb down`
   plumb up --source 'serial:/dev/ttyUSB0?format=witmotion&rate_hz=200'
   plumb up --replay flight.ulg --speed max --out attitude.csv
 
@@ -45,11 +45,8 @@ A replay reads CSV, CSV.gz, PX4 ULog, ArduPilot log, tlog, MCAP or a ROS 2 bag.
 A flight of --record is replayed bit for bit in one process, with its own launch
 file unless one is given.")]
 pub(crate) struct Up {
-    /// Launch file [default: ./launch.toml, else the built-in one]
-    launch: Option<PathBuf>,
-    /// Launch file, like the argument LAUNCH
-    #[arg(long = "launch", value_name = "FILE", conflicts_with = "launch")]
-    launch_option: Option<PathBuf>,
+    #[command(flatten)]
+    launch: LaunchArgs,
     /// Source instead of the launch file's, such as sim:s1?seed=2
     #[arg(long, value_name = "SOURCE", conflicts_with = "replay")]
     source: Option<String>,
@@ -101,7 +98,6 @@ pub(crate) struct Up {
 pub(crate) fn run(up: Up) -> ExitCode {
     let Up {
         launch,
-        launch_option,
         source,
         receiver,
         replay,
@@ -119,15 +115,11 @@ pub(crate) fn run(up: Up) -> ExitCode {
         reading,
         sensors,
     } = up;
-    let launch = launch.or(launch_option);
     if json && out.as_deref() == Some(Path::new(STANDARD_OUTPUT)) {
         return fail(&"--json and `--out -` both write to standard output; write the attitudes to a file", 2);
     }
     if detach {
-        return match read_launch(launch.as_deref()) {
-            Ok(launch) => detached::start(&launch.name),
-            Err(error) => fail(&error, 3),
-        };
+        return detached::start(&launch);
     }
     let source =
         source.map(|line| if launch::replay_path(&line).is_some() { line } else { reading.apply_to_source(&line) });
@@ -143,7 +135,7 @@ pub(crate) fn run(up: Up) -> ExitCode {
     let replay = replay.or_else(|| source.as_deref().and_then(launch::replay_path).map(PathBuf::from));
     let imported = None;
     let request = Request {
-        launch,
+        launch: launch.launch,
         source,
         receiver,
         replay,
@@ -171,7 +163,7 @@ pub(crate) fn run(up: Up) -> ExitCode {
 /// first.
 fn report(mut request: Request, reading: &ReadOptions, sensors: SensorNumbers, trust_programs: bool) -> Report {
     if request.source.is_none() && request.replay.is_none() {
-        request.replay = foreign_recording(request.launch.as_deref());
+        request.replay = foreign_recording(&LaunchArgs { launch: request.launch.clone() });
     }
     if reading.is_set() && request.source.is_none() && request.replay.is_none() {
         return Report::from_error(&"--map and --topic need a source: add --replay or --source", 2);
@@ -212,12 +204,12 @@ fn report(mut request: Request, reading: &ReadOptions, sensors: SensorNumbers, t
 /// Returns the recording that a launch file names as its source, unless it is a flight.
 ///
 /// Mistakes in the launch file are reported when the system starts.
-fn foreign_recording(launch: Option<&Path>) -> Option<PathBuf> {
+fn foreign_recording(launch: &LaunchArgs) -> Option<PathBuf> {
     // A pipe can be read only once.
-    if launch.is_some_and(|path| !path.is_file()) {
+    if launch.path().is_some_and(|path| !path.is_file()) {
         return None;
     }
-    let Ingest { source, replay, .. } = read_launch(launch).ok()?.ingest;
+    let Ingest { source, replay, .. } = launch.read().ok()?.ingest;
     (source == Source::Replay && !flight::is_flight(&replay.file)).then_some(replay.file)
 }
 

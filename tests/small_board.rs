@@ -42,7 +42,7 @@ fn service_of_missing_feature_in_launch_file_is_rejected() {
     for (service, feature) in [("gateway", "network"), ("cockpit", "cockpit")] {
         let text = format!("services = [\"ingest\", \"gyro\", \"accel\", \"fuser\", \"course\", \"{service}\"]\n");
         fs::write(folder.path().join("launch.toml"), text).unwrap();
-        for arguments in [&["up"][..], &["config", "check", "launch.toml"], &["up", "launch.toml", "--in-process"]] {
+        for arguments in [&["up"][..], &["config", "check"], &["up", "--in-process"]] {
             let (code, error) = plumb(arguments, folder.path());
             assert_eq!(code, Some(3), "{arguments:?}: {error}");
             assert!(error.contains(service) && error.contains(&format!("--features {feature}")), "{error}");

@@ -74,7 +74,7 @@ class Soak:
         launch.write_text(f'name = "{self.name}"\nservices = {json.dumps(services)}\n[restart]\nmin_uptime_s = 0\n')
         self.log, self.report = folder / "log", folder / "report"
         with open(self.log, "wb") as log, open(self.report, "wb") as report:
-            self.system = subprocess.Popen([plumb, "up", launch, "--json"], stdout=report, stderr=log)
+            self.system = subprocess.Popen([plumb, "up", "--launch", launch, "--json"], stdout=report, stderr=log)
 
     def run(self, seconds):
         try:

@@ -35,7 +35,7 @@ pub(crate) fn run(plumb: &OsStr, rate_hz: u32, seconds: f64) -> Result<Cost, Fai
     let launch = launch.to_str().ok_or("the path of the temporary folder is not valid UTF-8")?;
     let started = Instant::now();
     let deadline = started + Duration::from_secs_f64(seconds) + MAX_OVERHEAD;
-    let mut plumb = Process::start(plumb, ["up", launch, "--for", &format!("{seconds}s"), "--json"])?;
+    let mut plumb = Process::start(plumb, ["up", "--launch", launch, "--for", &format!("{seconds}s"), "--json"])?;
     let phases = measure_phases(plumb.id(), started, rate_hz, seconds);
     let cost: Cost = serde_json::from_str(&plumb.line(deadline)?)?;
     Ok(Cost { phases: Some(phases), ..cost })

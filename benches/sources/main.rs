@@ -141,7 +141,13 @@ fn run(kind: SourceKind, cli: &Cli) -> Result<Cost, Failure> {
     let services = r#"services = ["ingest", "gyro", "accel", "fuser", "course"]"#;
     fs::write(&launch, format!("name = \"{name}\"\n{services}\n{}", device.launch_sections))?;
     let mut command = Command::new(PLUMB);
-    command.arg("up").arg(&launch).args(["--source", &device.source, "--for", &format!("{}s", cli.seconds), "--json"]);
+    command.args(["up", "--launch"]).arg(&launch).args([
+        "--source",
+        &device.source,
+        "--for",
+        &format!("{}s", cli.seconds),
+        "--json",
+    ]);
     if let Some(pipe) = &device.stdin {
         // Both ends of the FIFO are opened, because opening only one would block.
         command.stdin(File::options().read(true).write(true).open(pipe)?);

@@ -75,11 +75,11 @@ pub(super) fn run(ros: &Ros) -> ExitCode {
 
 impl Ros {
     fn run(&self) -> Result<SendCounts, BridgeError> {
-        let observer = self.args.attach()?;
+        let system = self.args.attach()?;
         let link = open_router_link(&self.endpoint)?;
-        let mut publisher = RosPublisher::open(self, &link)?;
+        let mut publisher = RosPublisher::open(self, &system.name, &link)?;
         let inputs = Inputs { samples: true, fields: true, ..Inputs::default() };
-        let result = self.args.forward(&observer, inputs, &mut publisher);
+        let result = self.args.forward(&system, inputs, &mut publisher);
         let counts = publisher.counts;
         link.close();
         result.map(|()| counts)
@@ -149,12 +149,11 @@ struct RosPublisher {
 }
 
 impl RosPublisher {
-    fn open(ros: &Ros, link: &Link) -> Result<Self, BridgeError> {
+    fn open(ros: &Ros, system: &str, link: &Link) -> Result<Self, BridgeError> {
         let node = Node::new(ros.domain, &link.identity().0);
         let sign = link.declare_liveliness(&node.node_token())?;
         let open = |entity_id, topic: &str, of_type| TopicPublisher::open(link, &node, entity_id, topic, of_type);
         let decimator = Decimator::new(TopicRate::Hz(ros.rate_hz));
-        let system = ros.args.system.name();
         Ok(Self {
             imu: open(1, &ros.topic, MessageType::Imu)?,
             mag: open(2, &ros.mag_topic, MessageType::MagneticField)?,
@@ -165,9 +164,9 @@ impl RosPublisher {
             decimator: decimator.clone(),
             field_decimator: decimator,
             monitor: AttitudeMonitor::default(),
-            services: StatusPoller::start(&system),
+            services: StatusPoller::start(system),
             diagnosed: Instant::now(),
-            system,
+            system: system.into(),
             link: link.clone(),
             has_router: true,
             _sign: sign,

@@ -10,7 +10,7 @@ use serde::Serialize;
 
 use super::{
     ros::{MAX_DOMAIN, open_router_link},
-    sender::{BridgeArgs, BridgeError, print_counts},
+    sender::{AttachedSystem, BridgeArgs, BridgeError, print_counts},
 };
 use crate::{system::EndpointArgs, topics::StopCondition};
 
@@ -61,9 +61,9 @@ pub(super) fn run(sensor: &RosSensor) -> ExitCode {
 
 impl RosSensor {
     fn run(&self) -> Result<SensorCounts, BridgeError> {
-        let observer = self.args.attach()?;
+        let AttachedSystem { name, observer } = self.args.attach()?;
         // Fails immediately if the system does not receive its readings from the bus.
-        let mut sensor = Sensor::open(&self.args.system.name())?;
+        let mut sensor = Sensor::open(&name)?;
         let link = open_router_link(&self.endpoint)?;
         let node = Node::new(self.domain, &link.identity().0);
         let imu = link.subscribe(&node.topic_key_any_hash(&self.topic, MessageType::Imu))?;

@@ -8,6 +8,7 @@ use clap::Args;
 use control::{ControlError, ControlRequest, send_request};
 use driver::DriverError;
 use graph::Topic;
+use launch::LaunchError;
 use messages::{AttitudeOutput, GnssFix, ImuSample, MagSample, Ticked};
 use runtime::{ServiceConfig, service_config::FIRST_EPOCH};
 use serde::Serialize;
@@ -61,6 +62,14 @@ pub(super) enum BridgeError {
     NotARouter { endpoints: String },
     #[error(transparent)]
     Driver(#[from] DriverError),
+    #[error(transparent)]
+    Launch(#[from] LaunchError),
+}
+
+/// Running system with the observer of a bridge.
+pub(super) struct AttachedSystem {
+    pub(super) name: String,
+    pub(super) observer: Observer,
 }
 
 /// Command that starts the router of rmw_zenoh.
@@ -71,6 +80,7 @@ impl BridgeError {
     pub(super) fn exit_code(&self) -> u8 {
         match self {
             Self::Remote(error) => error.exit_code(),
+            Self::Launch(_) => 3,
             _ => 1,
         }
     }
@@ -174,18 +184,20 @@ impl SendCounts {
 }
 
 impl BridgeArgs {
-    pub(super) fn attach(&self) -> Result<Observer, BridgeError> {
-        Ok(observer(&self.system.name(), "bridge")?)
+    /// Attaches to the selected system.
+    pub(super) fn attach(&self) -> Result<AttachedSystem, BridgeError> {
+        let name = self.system.name()?;
+        Ok(AttachedSystem { observer: observer(&name, "bridge")?, name })
     }
 
     /// Sends attitudes until the time limit is reached, a signal arrives or the system ends.
     pub(super) fn forward(
         &self,
-        observer: &Observer,
+        AttachedSystem { name, observer }: &AttachedSystem,
         inputs: Inputs,
         sender: &mut dyn AttitudeSender,
     ) -> Result<(), BridgeError> {
-        let config = send_request::<ServiceConfig>(&self.system.name(), &ControlRequest::ServiceConfig)?;
+        let config = send_request::<ServiceConfig>(name, &ControlRequest::ServiceConfig)?;
         let mut reorder_buffer = ReorderBuffer::with_unknown_start(FIRST_EPOCH, config.lateness_ticks() / 2);
         let mut stop = StopCondition::new(|| observer.is_running(), self.duration);
         let mut taps = (inputs.samples.then(|| LateTopic::new(Topic::Imu)), LateTopic::new(Topic::Attitude));

@@ -60,6 +60,12 @@ restart.
 
 Exit codes: 0 calibration printed, 1 insufficient readings, 2 wrong usage, 3
 invalid input file.")]
+#[command(
+    mut_arg("system", |system| system.requires("live")),
+    mut_arg("launch", |launch| {
+        launch.help("Launch file of the sensors [default: none, with --live ./launch.toml]")
+    })
+)]
 pub(crate) struct Calibrate {
     /// Errors to estimate
     target: CalibrationTarget,
@@ -74,9 +80,6 @@ pub(crate) struct Calibrate {
     duration: Option<Duration>,
     #[command(flatten)]
     system: LocalSystemArgs,
-    /// Launch file with the existing [ingest.calibration] [default: none]
-    #[arg(long, value_name = "FILE", conflicts_with = "live")]
-    launch: Option<PathBuf>,
     /// Launch file to change; also read as --launch if that is not given
     #[arg(long, value_name = "FILE")]
     write: Option<PathBuf>,
@@ -280,15 +283,14 @@ fn calibrate(mut args: Calibrate) -> Result<Outcome, CalibrateError> {
 
 /// Reads the readings and computes the calibration.
 fn collect(args: Calibrate) -> Result<Outcome, CalibrateError> {
-    let Calibrate { target, file, duration, system, launch, write, gravity, field_ut, gyro_samples, reading, .. } =
-        args;
+    let Calibrate { target, file, duration, system, write, gravity, field_ut, gyro_samples, reading, .. } = args;
     let mut known = Prior { field_ut, ..Prior::default() };
     known.gravity_m_s2 = gravity.unwrap_or(known.gravity_m_s2);
     let Some(file) = file else {
         let kind = target.kind().ok_or(CalibrateError::LiveNoise)?;
-        return Ok(Outcome::Errors(live::calibrate_system(kind, known, &system.name(), duration)?));
+        return Ok(Outcome::Errors(live::calibrate_system(kind, known, &system.name()?, duration)?));
     };
-    let launch = launch.or(write).map(|file| Launch::read(&file)).transpose()?;
+    let launch = system.selection.launch.launch.or(write).map(|file| Launch::read(&file)).transpose()?;
     if let Some(launch) = &launch {
         apply_calibrations(&mut known, launch)?;
     }

@@ -35,9 +35,9 @@ fn take_snapshot(
 }
 
 pub(crate) fn run(command: TopCommand) -> ExitCode {
-    let observed = match ObservedSystem::attach(&command.system.name()) {
+    let observed = match command.system.name().map_err(TopError::from).and_then(|name| ObservedSystem::attach(&name)) {
         Ok(observed) => observed,
-        Err(error) => return fail(&error, 1),
+        Err(error) => return fail(&error, error.exit_code()),
     };
     if !command.system.json && !command.lines && command.count.is_none() && Screen::is_available() {
         return view::run(&command, observed);

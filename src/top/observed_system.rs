@@ -5,6 +5,7 @@ use std::time::Duration;
 use bus::{BusError, Observer};
 use clap::Args;
 use control::{ControlError, ControlRequest, ServiceStatus, send_request};
+use launch::LaunchError;
 use observe::top::SystemMonitor;
 
 use crate::{duration::duration, system::LocalSystemArgs, topics::observer};
@@ -42,6 +43,15 @@ pub(super) enum TopError {
     /// The system's bus cannot be read.
     #[error(transparent)]
     Bus(#[from] BusError),
+    /// The launch file that names the system is invalid.
+    #[error(transparent)]
+    Launch(#[from] LaunchError),
+}
+
+impl TopError {
+    pub(super) fn exit_code(&self) -> u8 {
+        if matches!(self, Self::Launch(_)) { 3 } else { 1 }
+    }
 }
 
 /// Running system with its observer.

@@ -1,6 +1,7 @@
 //! Error while observing the topics of a system.
 
 use bus::BusError;
+use launch::LaunchError;
 use mapping::names::UnknownName;
 
 use crate::remote::RemoteError;
@@ -17,14 +18,19 @@ pub(crate) enum ObserveError {
     /// The topic name is unknown.
     #[error(transparent)]
     UnknownTopic(#[from] UnknownName),
+    /// The launch file that names the system is invalid.
+    #[error(transparent)]
+    Launch(#[from] LaunchError),
 }
 
 impl ObserveError {
-    /// Returns the exit code of `plumb`: 2 for an unknown topic or a usage error, else 1.
+    /// Returns the exit code of `plumb`: 2 for an unknown topic or a usage error, 3 for an
+    /// invalid launch file, else 1.
     pub(crate) fn exit_code(&self) -> u8 {
         match self {
             Self::UnknownTopic(_) => 2,
             Self::Remote(error) => error.exit_code(),
+            Self::Launch(_) => 3,
             Self::Bus(_) => 1,
         }
     }

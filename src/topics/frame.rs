@@ -2,7 +2,7 @@
 
 use attitude::frames::{Frame, QuaternionOrder};
 use control::{ControlRequest, send_request};
-use launch::Output;
+use launch::{LaunchError, Output};
 use messages::{AttitudeOutput, Layout};
 use observe::decode::{DecodedMessage, LayoutMismatch};
 use runtime::{ServiceConfig, frames::attitude_to_frame};
@@ -17,8 +17,8 @@ impl DisplayFrame {
     ///
     /// The default frame is used if a local system does not respond. It is also used for a remote
     /// vehicle, because its envelopes name their frame.
-    pub(crate) fn from_system(system: &SystemArgs) -> Self {
-        if system.remote().is_none() { Self::from_local_system(&system.name()) } else { Self(Output::default()) }
+    pub(crate) fn from_system(system: &SystemArgs) -> Result<Self, LaunchError> {
+        Ok(if system.remote().is_none() { Self::from_local_system(&system.name()?) } else { Self(Output::default()) })
     }
 
     /// Returns the output frame of a system on this machine, or the default if it does not respond.

@@ -42,7 +42,7 @@ pub(crate) fn observer(system: &str, observer_name: &str) -> Result<Observer, Bu
 /// Source of observed topics.
 pub(crate) enum TopicSource {
     /// A system on this machine.
-    Local(Observer),
+    Local { name: String, observer: Observer },
     /// A vehicle on the network.
     Remote(RemoteVehicle),
 }
@@ -52,7 +52,10 @@ impl TopicSource {
     pub(crate) fn open(system: &SystemArgs, observer_name: &str) -> Result<Self, ObserveError> {
         Ok(match system.remote() {
             Some((vehicle, endpoint)) => Self::Remote(RemoteVehicle::find(endpoint.open()?, vehicle)?),
-            None => Self::Local(observer(&system.name(), observer_name)?),
+            None => {
+                let name = system.name()?;
+                Self::Local { observer: observer(&name, observer_name)?, name }
+            }
         })
     }
 
@@ -66,7 +69,7 @@ impl TopicSource {
     fn open_known(&self, topic: Topic) -> Result<TopicView, ObserveError> {
         let layout = messages::layout(topic);
         let source = match self {
-            Self::Local(observer) => ViewSource::Local(observer.tap(topic)?),
+            Self::Local { observer, .. } => ViewSource::Local(observer.tap(topic)?),
             Self::Remote(vehicle) => ViewSource::Remote(Box::new(vehicle.subscribe(topic)?)),
         };
         Ok(TopicView { flow: FlowMonitor::new(topic, &layout), name: topic.name(), layout, source })
@@ -76,7 +79,7 @@ impl TopicSource {
     pub(crate) fn open_all(&self) -> Result<Vec<TopicView>, ObserveError> {
         let mut watched = Vec::new();
         let is_sent = |topic: &&Topic| match self {
-            Self::Local(_) => true,
+            Self::Local { .. } => true,
             Self::Remote(vehicle) => vehicle.publishes(**topic),
         };
         for topic in Topic::ALL.iter().filter(is_sent) {
@@ -92,15 +95,15 @@ impl TopicSource {
     /// Returns `true` while the system is running or the vehicle is reachable.
     pub(crate) fn is_running(&self) -> bool {
         match self {
-            Self::Local(observer) => observer.is_running(),
+            Self::Local { observer, .. } => observer.is_running(),
             Self::Remote(vehicle) => vehicle.is_reachable(),
         }
     }
 
     /// Returns the message printed when the system has ended or is unreachable.
-    pub(crate) fn end_message(&self, system: &SystemArgs) -> String {
+    pub(crate) fn end_message(&self) -> String {
         match self {
-            Self::Local(_) => format!("system {:?} has ended", system.name()),
+            Self::Local { name, .. } => format!("system {name:?} has ended"),
             Self::Remote(vehicle) => vehicle.unreachable_message(),
         }
     }

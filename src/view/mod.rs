@@ -19,10 +19,15 @@ use cockpit::{
 };
 use control::{ControlRequest, ServiceStatus, send_request};
 use flight::reader;
-use launch::{Cockpit, CockpitTls, Service};
+use launch::{Cockpit, CockpitTls, LaunchError, Service};
 
 use crate::{
-    duration::duration, failure::fail, remote::RemoteError, stdout::print, system::EndpointArgs, topics::StopCondition,
+    duration::duration,
+    failure::fail,
+    remote::RemoteError,
+    stdout::print,
+    system::{EndpointArgs, SystemNameArgs},
+    topics::StopCondition,
 };
 
 /// Interval between two checks of the stop condition.
@@ -37,13 +42,12 @@ Examples:
   plumb view --remote boat --connect quic/base:7447 --keys keys/operator.ann")]
 pub(crate) struct View {
     /// Recorded flight (MCAP) instead of a running system
-    #[arg(conflicts_with_all = ["name", "remote"])]
+    #[arg(conflicts_with_all = ["system", "launch", "remote"])]
     file: Option<PathBuf>,
-    /// System name [default: that of ./launch.toml, else plumbline]
-    #[arg(long = "system", value_name = "NAME")]
-    name: Option<String>,
+    #[command(flatten)]
+    system: SystemNameArgs,
     /// Remote vehicle to open first [default: the list of all vehicles]
-    #[arg(long, value_name = "VEHICLE", num_args = 0..=1, conflicts_with = "name")]
+    #[arg(long, value_name = "VEHICLE", num_args = 0..=1, conflicts_with_all = ["system", "launch"])]
     remote: Option<Option<String>>,
     #[command(flatten)]
     endpoint: EndpointArgs,
@@ -78,6 +82,8 @@ pub(crate) enum ViewError {
     Empty { path: String },
     #[error(transparent)]
     Remote(#[from] RemoteError),
+    #[error(transparent)]
+    Launch(#[from] LaunchError),
     #[error(
         "cannot listen at {listen} without --tls, because other hosts could connect; use a folder created by `plumb keys vehicle NAME --host HOST`, or forward the port with `ssh -L 8088:127.0.0.1:8088 HOST`"
     )]
@@ -94,7 +100,7 @@ pub(crate) fn run(view: &View) -> ExitCode {
         Ok(code) => code,
         Err(error) => {
             let code = match &error {
-                ViewError::NotAFlight { .. } => 3,
+                ViewError::NotAFlight { .. } | ViewError::Launch(_) => 3,
                 ViewError::NotLoopback { .. } => 2,
                 ViewError::Remote(error) => error.exit_code(),
                 _ => 1,
@@ -106,7 +112,7 @@ pub(crate) fn run(view: &View) -> ExitCode {
 
 /// Shows a system on this machine, which may start later.
 fn show_system(view: &View) -> Result<ExitCode, ViewError> {
-    let name = crate::system::system_name(view.name.as_deref());
+    let name = view.system.name()?;
     let statuses: Vec<ServiceStatus> = send_request(&name, &ControlRequest::Status).unwrap_or_default();
     let own_address =
         statuses.into_iter().find(|one| one.service == *Service::Cockpit.name()).and_then(|one| one.address);

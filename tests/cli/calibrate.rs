@@ -132,7 +132,7 @@ fn calibrated_clock(system: &System, blocks: &str, file: &str) -> Value {
     let clock = calibrated(&["clock", file, "--launch", &launch]);
     let launch_with_clock =
         write_file(system, "with-clock.toml", &(blocks.to_owned() + clock["block"].as_str().unwrap()));
-    let checked = plumb(&["config", "check", &launch_with_clock]).output().unwrap();
+    let checked = plumb(&["config", "check", "--launch", &launch_with_clock]).output().unwrap();
     assert!(checked.status.success(), "{}", String::from_utf8_lossy(&checked.stderr));
     clock
 }
@@ -167,7 +167,7 @@ fn mounting_replaces_existing_one() {
     let names: Vec<_> = report["notes"].as_array().unwrap().iter().map(|note| note.as_str().unwrap()).collect();
     assert!(names.iter().any(|note| note.contains("\"x-forward-y-left\", 0.")), "{names:?}");
     let pasted = write_file(&system, "pasted.toml", report["block"].as_str().unwrap());
-    assert!(plumb(&["config", "check", &pasted]).output().unwrap().status.success());
+    assert!(plumb(&["config", "check", "--launch", &pasted]).output().unwrap().status.success());
 }
 
 #[test]
@@ -280,7 +280,7 @@ fn noise_at_rest_is_measured_drawn_and_written() {
     for name in ["level_noise_deg_sqrt_s = 0.04", "gyro_noise_deg_sqrt_s = 0.04", "accel_noise_m_s_sqrt_s = 0.00"] {
         assert!(text.contains(name), "no {name:?} in {text}");
     }
-    assert!(plumb(&["config", "check", &launch]).output().unwrap().status.success());
+    assert!(plumb(&["config", "check", "--launch", &launch]).output().unwrap().status.success());
 
     // The stage of the launch file determines the parameters.
     let vqf = write_file(&system, "vqf.toml", "[fuser]\nstage = \"vqf\"\n");

@@ -32,6 +32,8 @@ fn detached_system_runs_until_down() {
     assert_eq!(started.status.code(), Some(0), "{}", text(&started));
     assert!(text(&started).contains("runs in the background"), "{}", text(&started));
     assert_eq!(background.run(&["ps"]).status.code(), Some(0));
+    let by_launch = plumb(&["ps", "--json", "--launch"]).arg(system.path("launch.toml")).output().unwrap();
+    assert!(by_launch.status.success() && text(&by_launch).contains("\"fuser\""), "{}", text(&by_launch));
     let second = background.run(&["up", "--detach"]);
     assert_eq!(second.status.code(), Some(1));
     assert!(text(&second).contains("is already running"), "{}", text(&second));
@@ -45,6 +47,21 @@ fn detached_system_runs_until_down() {
     let again = background.run(&["down"]);
     assert_eq!(again.status.code(), Some(1));
     assert!(text(&again).contains("is not running"), "{}", text(&again));
+}
+
+#[test]
+fn invalid_launch_file_names_no_system() {
+    let system = System::from_launch("bufer_s = 1\n");
+    let background = Background(&system);
+    for command in
+        [&["ps"][..], &["down"], &["logs"], &["doctor"], &["top"], &["topic", "list"], &["swap", "fuser", "wz"]]
+    {
+        let output = background.run(command);
+        assert_eq!(output.status.code(), Some(3), "{command:?}: {}", text(&output));
+        assert!(text(&output).contains("unknown key \"bufer_s\""), "{command:?}: {}", text(&output));
+    }
+    let named = background.run(&["ps", "--system", &system.name]);
+    assert!(named.status.code() == Some(1) && text(&named).contains(&system.name), "{}", text(&named));
 }
 
 #[test]

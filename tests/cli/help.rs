@@ -105,6 +105,34 @@ fn help_fits_a_terminal_of_80_columns() {
     });
 }
 
+/// A launch file is never a positional argument. A running system is selected by its name or by its
+/// launch file. `plumb demo` has a built-in launch file.
+#[test]
+fn launch_and_system_are_alike_in_all_commands() {
+    let (mut faults, mut with_launch, mut with_system) = (Vec::new(), 0, 0);
+    visit_commands(&plumbline::command_line(), "plumb", &mut |path, command| {
+        let option = |long: &str| command.get_arguments().find(|argument| argument.get_long() == Some(long));
+        let (launch, system) = (option("launch"), option("system"));
+        with_launch += usize::from(launch.is_some());
+        with_system += usize::from(system.is_some());
+        let value = |argument: Option<&Arg>| argument.and_then(Arg::get_value_names).map(|names| names[0].to_string());
+        if value(launch).is_some_and(|name| name != "FILE") || value(system).is_some_and(|name| name != "NAME") {
+            faults.push(format!("{path}: --launch FILE or --system NAME is called otherwise"));
+        }
+        if system.is_some() && launch.is_none() && path != "plumb demo" {
+            faults.push(format!("{path}: has --system, but not --launch"));
+        }
+        for positional in command.get_positionals() {
+            let help = positional.get_help().map(ToString::to_string).unwrap_or_default();
+            if help.contains("aunch file") {
+                faults.push(format!("{path}: {help:?} is not an option"));
+            }
+        }
+    });
+    assert!(faults.is_empty(), "{}", faults.join("\n"));
+    assert!(with_launch > 20 && with_system > 15, "{with_launch} with --launch, {with_system} with --system");
+}
+
 #[test]
 fn shell_words_handles_quotes_and_comments() {
     assert_eq!(

@@ -108,13 +108,13 @@ fn effective_launch_file_is_valid_and_has_every_value() {
     };
     let built_in = show(&[]);
     assert!(built_in.contains("name = \"plumbline\"  # default") && built_in.contains("[ingest.sim]"), "{built_in}");
-    let shown = show(&["mine.toml"]);
+    let shown = show(&["--launch", "mine.toml"]);
     for line in ["name = \"mine\"", "listen = \"127.0.0.1:9\"", "stage = \"multiple-model\"  # default"] {
         assert!(shown.lines().any(|found| found == line), "{line}:\n{shown}");
     }
     let effective = folder.path().join("effective.toml");
     fs::write(&effective, &shown).unwrap();
-    assert_eq!(plumb(&["config", "check"]).arg(&effective).status().unwrap().code(), Some(0), "{shown}");
-    let missing = plumb(&["config", "show", "/missing.toml"]).output().unwrap();
+    assert_eq!(plumb(&["config", "check", "--launch"]).arg(&effective).status().unwrap().code(), Some(0), "{shown}");
+    let missing = plumb(&["config", "show", "--launch", "/missing.toml"]).output().unwrap();
     assert_eq!(missing.status.code(), Some(3));
 }

@@ -162,7 +162,7 @@ fn missing_recording_is_reported_with_remedy() {
 fn assert_launch_rejected(launch: &str, texts: &[&str]) {
     let system = System::from_launch(launch);
     let file = system.path("launch.toml");
-    let mut check = plumb(&["config", "check"]);
+    let mut check = plumb(&["config", "check", "--launch"]);
     check.arg(&file);
     let path = file.display().to_string();
     let texts: Vec<_> = texts.iter().map(|words| words.replace("launch.toml", &path)).collect();
@@ -231,22 +231,23 @@ fn invalid_toml_is_reported_with_position() {
 fn config_check_reports_validity() {
     let system = System::new("[fuser]\nstage = \"wz\"\n");
     let file = system.path("launch.toml");
-    assert_exits_with(plumb(&["config", "check", file.to_str().unwrap()]), 0, &["launch.toml is valid"]);
+    assert_exits_with(plumb(&["config", "check", "--launch", file.to_str().unwrap()]), 0, &["launch.toml is valid"]);
     let absent = system.path("absent.toml");
     let texts = [&*format!("reading the launch file {}: No such file", absent.display()), "check that it exists"];
-    assert_exits_with(plumb(&["config", "check", absent.to_str().unwrap()]), 3, &texts);
-    assert_exits_with(plumb(&["up", absent.to_str().unwrap()]), 3, &texts);
+    assert_exits_with(plumb(&["config", "check", "--launch", absent.to_str().unwrap()]), 3, &texts);
+    assert_exits_with(plumb(&["up", "--launch", absent.to_str().unwrap()]), 3, &texts);
 }
 
 #[test]
 fn launch_file_of_repository_is_valid() {
     let file = Path::new(env!("CARGO_MANIFEST_DIR")).join("launch.toml");
-    assert_exits_with(plumb(&["config", "check", file.to_str().unwrap()]), 0, &["is valid"]);
+    assert_exits_with(plumb(&["config", "check", "--launch", file.to_str().unwrap()]), 0, &["is valid"]);
 }
 
 #[test]
 fn invalid_usage_exits_with_2() {
     assert_exits_with(plumb(&["up", "--sped", "max"]), 2, &["unexpected argument '--sped'", "--speed"]);
+    assert_exits_with(plumb(&["up", "mine.toml"]), 2, &["'mine.toml'", "use '--launch mine.toml'"]);
     assert_exits_with(plumb(&["fly"]), 2, &["fly"]);
     assert_exits_with(plumb(&["service", "gryo"]), 2, &["unknown service"]);
     for speed in ["fast", "0", "-1", "nan", "inf"] {
@@ -478,7 +479,7 @@ fn pipe_without_writer_does_not_block_the_end() {
         assert!(run.stderr.contains("not a regular file"), "{}", run.stderr);
     }
     // A launch file may be a pipe, so the command waits for its text until a signal ends it.
-    let mut process = crate::common::plumb(&["up", pipe]).spawn().unwrap();
+    let mut process = crate::common::plumb(&["up", "--launch", pipe]).spawn().unwrap();
     let mut writer = None;
     wait_for("the process to open the pipe", || {
         writer = rustix::fs::open(pipe, OFlags::WRONLY | OFlags::NONBLOCK, Mode::empty()).ok();

@@ -4,6 +4,7 @@ pub(crate) mod python;
 pub(crate) mod remote;
 pub(crate) mod site;
 pub(crate) mod terminal;
+pub(crate) mod walk;
 
 use std::{
     cell::RefCell,
@@ -86,7 +87,7 @@ impl System {
 
     pub(crate) fn command(&self, arguments: &[&str]) -> Command {
         let mut command = Command::new(&self.executable);
-        command.arg("up").arg(self.path("launch.toml")).args(arguments).arg("--json");
+        command.args(["up", "--launch"]).arg(self.path("launch.toml")).args(arguments).arg("--json");
         // The state saved for the next start must stay in the test's folder.
         command.env("XDG_STATE_HOME", self.folder.path()).env_remove("STATE_DIRECTORY");
         command

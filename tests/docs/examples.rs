@@ -21,7 +21,7 @@ use super::{
     markdown::{self, Block},
     root,
 };
-use crate::common::{Run, Running, System, data, python::python, signal, wait_for};
+use crate::common::{Run, Running, System, data, python::python, signal, wait_for, walk::Walk};
 use rustix::process::Signal;
 
 #[derive(PartialEq)]
@@ -228,7 +228,8 @@ impl Scratch {
     /// Runs the shell examples of a file. If a Python block is a complete stage, writes it to the
     /// folder that `plumb stage new` has created. In the documentation, the reader is asked to do
     /// the same.
-    fn run_examples(&mut self, blocks: &[Block]) {
+    fn run_examples(&mut self, file: &str, blocks: &[Block]) {
+        let mut walk = Walk::start(file);
         let mut printed = String::new();
         for block in blocks {
             if block.location.starts_with("docs/tutorials/") && block.first_line().starts_with("RMSE, degrees") {
@@ -245,6 +246,7 @@ impl Scratch {
                 if !lacks_log && !NOT_RUN.iter().any(|(beginning, _)| line.starts_with(beginning)) {
                     let line = self.replace(&without_optional_arguments(line));
                     printed = self.run(&block.location, &line);
+                    walk.step(line.split(" #").next().unwrap_or_default().trim());
                 }
             }
         }
@@ -295,9 +297,9 @@ fn without_optional_arguments(line: &str) -> String {
 
 /// Runs the shell examples of the files that `is_selected` selects by name.
 fn run_shell_examples(is_selected: impl Fn(&str) -> bool) {
-    for (_, blocks) in files().into_iter().filter(|(file, _)| is_selected(file)) {
+    for (file, blocks) in files().into_iter().filter(|(file, _)| is_selected(file)) {
         let mut scratch = Scratch::new();
-        scratch.run_examples(&blocks);
+        scratch.run_examples(&file, &blocks);
         scratch.stop();
     }
 }
@@ -331,7 +333,7 @@ fn launch_file_examples_are_valid() {
     let top_level = launch.split("\n[").next().unwrap();
     for block in examples(&Language::Toml) {
         scratch.write("example.toml", &format!("{top_level}\n{}", scratch.replace(&block.text)));
-        let output = scratch.command("plumb").args(["config", "check", "example.toml"]).output().unwrap();
+        let output = scratch.command("plumb").args(["config", "check", "--launch", "example.toml"]).output().unwrap();
         assert!(output.status.success(), "{}: {}", block.location, String::from_utf8_lossy(&output.stderr));
     }
 }

@@ -51,7 +51,7 @@ pub(super) const NOT_RUN: &[(&str, &str)] = &[
     ("plumb up --source 'serial:", "needs a device; tested by `drivers`"),
     ("plumb up --source 'mavlink:", "needs an autopilot; tested by `sources`"),
     ("plumb up --source 'iio:", "needs devices; tested by `sources`"),
-    ("plumb up mine.toml --source 'serial:", "needs a device; tested by `serial_tutorial`"),
+    ("plumb up --launch mine.toml --source 'serial:", "needs a device; tested by `serial_tutorial`"),
     ("python3 examples/serial_imu.py", "simulates a device; tested by `serial_tutorial`"),
     ("plumb score flights/*.mcap --reference", "needs the reference of a flight; tested by `serial_tutorial`"),
     ("python3 my_imu.py |", "needs the reader's program; tested by `sources`"),
@@ -69,7 +69,7 @@ pub(super) const NOT_RUN: &[(&str, &str)] = &[
     ("plumb score walk.mcap", "needs an MCAP file; tested by tools/import"),
     ("plumb score bag/", "needs a ROS 2 bag; tested by tools/import"),
     ("plumb import bag/", "needs a ROS 2 bag; tested by tools/import"),
-    ("plumb up my-fuser/launch.toml", "runs until it is interrupted; tested by `own_stage`"),
+    ("plumb up --launch my-fuser/launch.toml", "runs until it is interrupted; tested by `own_stage`"),
     ("plumb swap fuser my-fuser", "needs a system with the stage; tested by `own_stage`"),
     ("plumb stage test my-fuser", "tests a Python stage for minutes; tested by `own_stage`"),
 ];

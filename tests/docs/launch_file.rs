@@ -20,7 +20,7 @@ pub(super) fn chapter() -> String {
         required in their section. Without a launch file, the defaults apply. `plumb config check` reports each \
         invalid key with its line.";
     let mut text = reference::chapter("Launch file", introduction);
-    text += "\n    plumb config check launch.toml\n";
+    text += "\n    plumb config check\n";
     for section in launch::describe() {
         if section.keys.is_empty() {
             continue;
@@ -75,7 +75,7 @@ fn header(section: &SectionDescription) -> String {
 /// example.
 pub(super) fn launch_toml() -> String {
     let introduction = "Declaration of everything that runs. Keys that are commented out are not set. Check changes with \
-        `plumb config check launch.toml`. docs/reference/launch-file.md lists every key.";
+        `plumb config check`. docs/reference/launch-file.md lists every key.";
     let mut text = commented(introduction);
     let (sections, mut explained) = (launch::describe(), HashSet::new());
     for section in &sections {

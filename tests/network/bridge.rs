@@ -13,6 +13,7 @@ use crate::common::{
     python::python,
     remote::{endpoint, free_port, with_gateway},
     signal, wait_for,
+    walk::Walk,
 };
 use rustix::process::Signal;
 use serde_json::{Value, json};
@@ -68,6 +69,7 @@ fn ticks(system: &System) -> u64 {
 #[test]
 fn mavlink_bridge_matches_attitude_file_in_pymavlink() {
     let Some(python) = python() else { return };
+    let mut walk = Walk::start("integrator, MAVLink");
     let system = System::new(TUMBLE);
     let port = UdpSocket::bind("127.0.0.1:0").unwrap().local_addr().unwrap().port();
     let (station, mut next_line) = start_foreign(python, "ground_station.py", &[&port.to_string(), "300"]);
@@ -75,8 +77,10 @@ fn mavlink_bridge_matches_attitude_file_in_pymavlink() {
     let out = system.path("out.csv");
     let running = system.start(&["--out", out.to_str().unwrap()]);
     system.wait_until_running();
+    walk.step("start a system");
     let bridge = bridge(&system, port, &["--rate-hz", "100", "--system-id", "7"]);
     assert_eq!(next_line(), "received");
+    walk.step("start the bridge, receive 300 attitudes in pymavlink");
     system.stop_and_assert_undisturbed(running, &out, TUMBLE);
     let sent = final_report(bridge);
     let report = foreign_report(station, &out, next_line);
@@ -162,6 +166,7 @@ fn mavlink_bridge_sends_fixes_with_position_in_pymavlink() {
 #[test]
 fn ros_bridge_matches_attitude_file_in_rosbags() {
     let Some(python) = python() else { return };
+    let mut walk = Walk::start("integrator, ROS 2");
     let system = System::new(TUMBLE);
     let port = free_port();
     let (node, mut next_line) = start_foreign(python, "ros_node.py", &[&port.to_string(), "200", "200", "0"]);
@@ -169,11 +174,13 @@ fn ros_bridge_matches_attitude_file_in_rosbags() {
     let out = system.path("out.csv");
     let running = system.start(&["--out", out.to_str().unwrap()]);
     system.wait_until_running();
+    walk.step("start a system");
     let to = format!("tcp/127.0.0.1:{port}");
     let mut bridge = plumb(&["bridge", "ros", "--json", "--system", &system.name, "--connect", &to]);
     let bridge = bridge.args(["--domain", "7", "--frame-id", "body", "--parent-frame-id", "odom"]);
     let bridge = bridge.stdout(Stdio::piped()).spawn().unwrap();
     assert_eq!(next_line(), "received");
+    walk.step("start the bridge, receive 200 messages in rosbags");
     system.stop_and_assert_undisturbed(running, &out, TUMBLE);
     let sent = final_report(bridge);
     let report = foreign_report(node, &out, next_line);

@@ -366,7 +366,7 @@ fn replay_and_other_speed_are_rejected_for_split_system() {
 fn launch_files_of_deploy_split_are_valid() {
     for file in ["board", "base"] {
         let path = Path::new(env!("CARGO_MANIFEST_DIR")).join(format!("deploy/split/{file}.toml"));
-        let output = plumb(&["config", "check", path.to_str().unwrap()]).output().unwrap();
+        let output = plumb(&["config", "check", "--launch", path.to_str().unwrap()]).output().unwrap();
         assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
     }
 }

@@ -47,6 +47,32 @@ fn chapter_example_prints_equal_errors() {
     assert!(matches!(errors[..], [a, b] if (a - b).abs() < 1e-9 && a > 0.01), "{errors:?}");
 }
 
+#[test]
+fn table_and_scores_become_pandas_frames() {
+    let Some(python) = python() else { return };
+    let program = "
+import plumbscore as p, sys
+run = p.run(sys.argv[1], ['sim:s1?duration_s=2', 'sim:s3?duration_s=2'], ['wz', 'vqf'], folder='tables')
+table = run.table('wz', 'sim_s1_duration_s_2')
+frame = table.to_pandas()
+assert frame.index.name == 't_s' and len(frame) == len(table['t_s']) == 201, frame
+assert (frame['qw'] == table['qw']).all() and set(frame['chart']) <= {'upright', 'inverted'}, frame
+scores = run.to_pandas()
+assert scores.index.names == ['fuser', 'trial'] and len(scores) == 4, scores
+trial = run.stage('vqf')['trials'][1]
+assert scores.loc[('vqf', trial['name']), 'inclination'] == trial['inclination'], scores
+sys.modules['pandas'] = None
+try:
+    table.to_pandas()
+except p.ScoreError as cause:
+    assert 'pip install pandas' in str(cause), cause
+    print('passed')
+";
+    let folder = folder_with(&[]);
+    let output = run(python, folder.path(), &["-c", program, env!("CARGO_BIN_EXE_plumb")]);
+    assert_eq!(last_line(&output), "passed");
+}
+
 /// Returns the error message of a Python expression that must fail.
 fn error_message(python: &Path, folder: &Path, read: &str) -> String {
     let program = format!(

@@ -118,7 +118,7 @@ fn standard_output_has_the_bytes_of_the_file() {
     let file = run_output(&system, &["--in-process"]);
     let up = |arguments: &[&str]| {
         let launch = system.path("launch.toml");
-        let common = ["up", launch.to_str().unwrap(), "--speed", "max", "--for", "3s", "--out", "-"];
+        let common = ["up", "--launch", launch.to_str().unwrap(), "--speed", "max", "--for", "3s", "--out", "-"];
         plumb(&[&common[..], arguments].concat()).output().unwrap()
     };
     for mode in [&["--in-process"][..], &[]] {

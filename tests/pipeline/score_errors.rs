@@ -41,6 +41,19 @@ fn arbitrary_heading_is_scored_by_its_drift() {
 }
 
 #[test]
+fn missing_rates_are_reported() {
+    let without_rate = rotating_reference(0.0).replace(",0,0,0,0,0,9.80665", ",nan,nan,nan,0,0,9.80665");
+    let folder = folder_with(&[("still.csv", without_rate), ("ambiguous.csv", "t,a,b,c\n0,1,2,3\n1,1,2,3\n".into())]);
+    let stderr = String::from_utf8(score(folder.path(), &["still.csv"]).stderr).unwrap();
+    assert!(stderr.contains("3000 of 3000 samples have no valid angular rate"), "{stderr}");
+    // A header that needs --map has the same exit code in all commands.
+    for command in ["score", "info"] {
+        let output = crate::common::plumb(&[command, "ambiguous.csv"]).current_dir(folder.path()).output().unwrap();
+        assert_eq!(output.status.code(), Some(2), "{command}: {}", String::from_utf8_lossy(&output.stderr));
+    }
+}
+
+#[test]
 fn search_from_best_value_keeps_it() {
     let folder = folder_with(&[]);
     let search = ["sim:s1", "--fuser", "wz-closed", "--tune", "time_constant_s=1..2"];

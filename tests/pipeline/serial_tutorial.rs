@@ -11,7 +11,7 @@ use rustix::process::Signal;
 use serde_json::Value;
 
 use crate::{
-    common::{Running, System, plumb, signal, wait_for},
+    common::{Running, System, plumb, signal, wait_for, walk::Walk},
     pipeline::drivers::restarts,
 };
 
@@ -57,25 +57,43 @@ fn source(port: &Path) -> String {
     format!("serial:{}?rate_hz=100&clock=device&{columns}", port.display())
 }
 
+/// Start of a motion relative to `plumb calibrate`.
+#[derive(Clone, Copy, PartialEq, Debug)]
+enum Motion {
+    First,
+    Second,
+}
+
 /// Runs `plumb calibrate` while the unit moves and returns the block for the launch file.
-///
-/// The motion starts once the calibration has begun to read, so that the first pose is observed
-/// completely.
-fn calibrate(system: &System, port: &Path, kind: &str, motion: &str) -> String {
-    let arguments = ["calibrate", kind, "--live", "--for", "40s", "--json", "--system", &system.name];
-    let mut command = plumb(&arguments);
+fn calibrate(system: &System, port: &Path, kind: &str, motion: &str, order: Motion) -> String {
+    let first = (order == Motion::First).then(|| {
+        let unit = MovingUnit::start(port, motion, &[]);
+        wait_for("the readings of the unit", || {
+            system.ps().iter().any(|service| service["service"] == "drivers" && service["state"] == "running")
+        });
+        unit
+    });
+    let launch = system.path("launch.toml");
+    let mut command = plumb(&["calibrate", kind, "--live", "--for", "40s", "--json", "--launch"]);
+    command.arg(launch);
     let mut process = TerminatedProcess(command.stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap());
     let mut stderr = BufReader::new(process.0.stderr.take().unwrap());
     let (mut text, mut report) = (String::new(), String::new());
     stderr.read_line(&mut text).unwrap();
     assert!(text.contains("reading sensors of"), "{kind}: {text}");
-    let _unit = MovingUnit::start(port, motion, &[]);
+    let _unit = first.unwrap_or_else(|| MovingUnit::start(port, motion, &[]));
     stderr.read_to_string(&mut text).unwrap();
     process.0.stdout.take().unwrap().read_to_string(&mut report).unwrap();
     assert_eq!(process.0.wait().unwrap().code(), Some(0), "{kind}: {text}");
     let report: Value = serde_json::from_str(&report).unwrap();
     println!("{report}");
     report["block"].as_str().unwrap().to_owned()
+}
+
+/// Returns the rotation angle of a mounting, degrees.
+fn mounting_deg(block: &str) -> f64 {
+    let w = block.split_once('[').and_then(|(_, rest)| rest.split_once("= [")).unwrap().1;
+    2.0 * w.split(',').next().unwrap().trim().parse::<f64>().unwrap().acos().to_degrees()
 }
 
 /// Stops a run and asserts that nothing was lost and the drivers were not restarted.
@@ -106,12 +124,19 @@ fn drive(settings: &str) -> [f64; 2] {
 
 #[test]
 fn bare_serial_imu_is_calibrated_and_its_flight_scored() {
+    let mut walk = Walk::start("maker");
     let system = system_with("");
     let port = system.path("imu");
     let running = system.start(&["--source", &source(&port)]);
     system.wait_until_ready();
-    let [gyro, accel, mag] = [("gyro", "rest"), ("accel", "sides"), ("mag", "turns")]
-        .map(|(kind, motion)| calibrate(&system, &port, kind, motion));
+    walk.step("start a system with a serial unit");
+    let motions =
+        [("gyro", "rest", Motion::First), ("accel", "sides", Motion::Second), ("mag", "turns", Motion::First)];
+    let [gyro, accel, mag] = motions.map(|(kind, motion, order)| {
+        let block = calibrate(&system, &port, kind, motion, order);
+        walk.step(&format!("calibrate {kind}"));
+        block
+    });
     stop(running);
     let sensors = [gyro, accel, mag].concat();
 
@@ -120,7 +145,13 @@ fn bare_serial_imu_is_calibrated_and_its_flight_scored() {
     let port = system.path("imu");
     let running = system.start(&["--source", &source(&port)]);
     system.wait_until_ready();
-    let mounting = calibrate(&system, &port, "mounting", "poses");
+    let [mounting, again] = [Motion::Second, Motion::First].map(|order| {
+        let block = calibrate(&system, &port, "mounting", "poses", order);
+        walk.step(&format!("determine the mounting, motion {order:?}"));
+        block
+    });
+    let angle_deg = |block: &str| mounting_deg(block) - mounting_deg(&mounting);
+    assert!(angle_deg(&again).abs() < 0.5, "{mounting}{again}");
     stop(running);
 
     let settings = format!("{sensors}{mounting}");
@@ -128,6 +159,7 @@ fn bare_serial_imu_is_calibrated_and_its_flight_scored() {
         let threads = ["", &settings].map(|settings| scope.spawn(move || drive(settings)));
         threads.map(|thread| thread.join().unwrap())
     });
+    walk.step("record and score a drive, with and without the calibration");
     println!("heading and inclination: {raw:?}° raw, {calibrated:?}° calibrated");
     assert!(raw.iter().all(|error_deg| *error_deg > 2.0), "{raw:?}");
     assert!(calibrated.iter().all(|error_deg| *error_deg < 1.5), "{calibrated:?}");

@@ -356,7 +356,7 @@ fn tcp_lines_are_mapped_with_names_units_and_axes() {
 }
 
 #[test]
-fn protobuf_on_stdin_equals_csv_lines() {
+fn stdin_in_one_process_or_as_protobuf_equals_csv() {
     let vector = |[x, y, z]: [f64; 3]| Some(v1::Vector3 { x, y, z });
     let (mut lines, mut messages) = (String::from("t_s,gx,gy,gz,ax,ay,az,mx,my,mz\n"), Vec::new());
     for n in 0..5000_i64 {
@@ -372,17 +372,50 @@ fn protobuf_on_stdin_equals_csv_lines() {
         };
         measurement.encode_length_delimited(&mut messages).unwrap();
     }
-    let output = |source: &str, input: &[u8]| {
+    let output = |source: &str, input: &[u8], mode: &[&str]| {
         let system = System::new("");
         let (file, out) = (system.path("input"), system.path("out.csv"));
         fs::write(&file, input).unwrap();
-        let mut command = system.command(&["--source", source, "--out", out.to_str().unwrap()]);
+        let mut command = system.command(&[&["--source", source, "--out", out.to_str().unwrap()], mode].concat());
         command.stdin(File::open(&file).unwrap());
         Running::spawn(command).wait().assert_complete();
         fs::read(out).unwrap()
     };
-    let from_protobuf = output("stdin?rate_hz=200&format=protobuf", &messages);
-    assert!(from_protobuf == output("stdin?rate_hz=200", lines.as_bytes()), "the bytes differ");
+    let in_process: &[&str] = &["--in-process"];
+    let from_lines = output("stdin?rate_hz=200", lines.as_bytes(), &[]);
+    for (source, input, mode) in [
+        ("stdin?rate_hz=200&format=protobuf", &*messages, &[][..]),
+        ("stdin?rate_hz=200&format=protobuf", &*messages, in_process),
+        // The last line lacks its end.
+        ("stdin?rate_hz=200", lines.trim_end().as_bytes(), in_process),
+    ] {
+        assert!(from_lines == output(source, input, mode), "{source} {mode:?}: the bytes differ");
+    }
+}
+
+#[test]
+fn problem_of_stdin_in_one_process_is_reported() {
+    let run = |source: &str, input: &str| {
+        let system = System::new("");
+        fs::write(system.path("input"), input).unwrap();
+        let mut command = system.command(&["--in-process", "--source", source]);
+        command.stdin(File::open(system.path("input")).unwrap());
+        Running::spawn(command).wait()
+    };
+    let without_time = run("stdin", &format!("gx,gy,gz,ax,ay,az\n{}", "0,0,0,0,0,9.8\n".repeat(50)));
+    assert_eq!(without_time.code, Some(0), "{}", without_time.stderr);
+    assert!(without_time.stderr.contains("100 Hz is assumed"), "{}", without_time.stderr);
+    let garbage = run("stdin?rate_hz=50", &"no measurement\n".repeat(200));
+    assert_eq!(garbage.code, Some(1), "{}", garbage.stderr);
+    for words in ["check that format and baud match", "standard input"] {
+        assert!(garbage.stderr.contains(words), "no {words:?} in:\n{}", garbage.stderr);
+    }
+    let system = System::new("ingest.receiver.endpoint = \"tcp:127.0.0.1:9\"\n");
+    let mut command = system.command(&["--in-process", "--source", "stdin"]);
+    command.stdin(Stdio::null());
+    let receiver = Running::spawn(command).wait();
+    assert_eq!(receiver.code, Some(2), "{}", receiver.stderr);
+    assert!(receiver.stderr.contains("omit --in-process or the receiver"), "{}", receiver.stderr);
 }
 
 /// Creates the files of an industrial I/O device and returns the FIFO for its records.

@@ -315,6 +315,20 @@ fn templates_in_all_languages_score_equally() {
     let (of_python, of_c) = (inclination_errors_deg(&python, &arguments), inclination_errors_deg(&c, &arguments));
     assert!((of_python[1] - of_c[1]).abs() < 1e-9 && of_python[0] == of_c[0], "{of_python:?} {of_c:?}");
     assert_ne!(inclination_errors_deg(&c, &["--fuser", "my-fuser"])[0], of_c[1]);
+    for system in [&python, &c] {
+        let mut command = plumb(&["score", "sim:s1?duration_s=2", "--json", "--fuser", "my-fuser", "--launch"]);
+        let output = command.arg(system.path("launch.toml")).output().unwrap();
+        let scores: Value = serde_json::from_slice(&output.stdout).unwrap();
+        assert!(scores["stages"][0]["ns_per_update"].as_f64().is_some_and(|ns| ns > 100.0), "{scores}");
+    }
+    // The time suffices for a part of the checks of each group.
+    let mut short = plumb(&["stage", "test", "my-fuser", "--for", "4s", "--json", "--launch"]);
+    let short = short.arg(python.path("launch.toml")).output().unwrap();
+    let reports: Value = serde_json::from_slice(&short.stdout).unwrap();
+    let left_out = reports["reports"][0]["left_out"].as_array().unwrap();
+    assert!(left_out.len() >= 3 && left_out.iter().all(|part| part["count"].as_u64() > Some(0)), "{reports}");
+    let stderr = String::from_utf8_lossy(&short.stderr);
+    assert!(short.status.success() && stderr.contains("to run all: --complete"), "{stderr}{reports}");
     let list = plumb(&["stage", "list", "--launch"]).arg(c.path("launch.toml")).output().unwrap();
     let list = String::from_utf8(list.stdout).unwrap();
     assert!(list.contains("  my-fuser\n    time_constant_s: 0.01 to 1000 s, default 1. Time constant"), "{list}");
@@ -322,7 +336,7 @@ fn templates_in_all_languages_score_equally() {
 
 /// Runs `plumb stage test`. Returns `true` if the stage passed, and the names of the failed checks.
 fn test_stage(name: &str, launch: &Path) -> (bool, Vec<String>) {
-    let output = plumb(&["stage", "test", name, "--json", "--launch"]).arg(launch).output().unwrap();
+    let output = plumb(&["stage", "test", name, "--complete", "--json", "--launch"]).arg(launch).output().unwrap();
     let text = String::from_utf8(output.stdout).unwrap();
     let reports: Value = serde_json::from_str(text.lines().last().unwrap_or_default())
         .unwrap_or_else(|_| panic!("{}", String::from_utf8_lossy(&output.stderr)));

@@ -27,6 +27,9 @@ const POSE_ANGLE_RANGE_DEG: (f64, f64) = (20.0, 150.0);
 /// mounting is reported if it is within this angle. A named mounting has its axes along those of
 /// the body.
 const MAX_NAMED_ANGLE_DEG: f64 = 10.0;
+/// Angle between the vertical and the nearest axis of the unit above which a pose is unlikely to be
+/// the level one, degrees.
+const MAX_LEVEL_AXIS_DEG: f64 = 15.0;
 
 /// Mounting calibrator.
 #[derive(Debug, Clone)]
@@ -56,32 +59,28 @@ impl MountingCalibrator {
 
     fn assess(&self) -> (Option<Poses>, Coverage) {
         let rests: Vec<_> = self.rests.rests().into_iter().filter(Rest::is_plausible_gravity).collect();
-        let longest = |is_eligible: &dyn Fn(&Rest) -> bool| {
-            let eligible = rests.iter().filter(|rest| is_eligible(rest));
-            eligible.max_by(|a, b| a.duration_s().total_cmp(&b.duration_s())).cloned()
-        };
-        let first = longest(&|_| true);
-        let second = first.as_ref().and_then(|first| {
-            let (min, max) = POSE_ANGLE_RANGE_DEG;
-            longest(&|rest| (min..=max).contains(&degrees_between(&first.force_m_s2(), &rest.force_m_s2())))
-        });
-        let seconds = |pose: &Option<Rest>| pose.as_ref().map_or(0.0, Rest::duration_s);
-        let share = |pose: &Option<Rest>| 0.5 * (seconds(pose) / MIN_POSE_S).min(1.0);
+        let held: Vec<_> = rests.iter().filter(|rest| rest.duration_s() >= MIN_POSE_S).collect();
+        let poses = find_poses(&held);
         let mut missing = Vec::new();
-        if share(&first) < 0.5 {
-            missing.push(format!("a level pose; hold the body level and still for {MIN_POSE_S:.0} s"));
-        }
-        if share(&second) < 0.5 {
-            missing.push(format!(
-                "a second pose; turn the body nose down by {:.0}° to 90°, without roll, and hold it still for {MIN_POSE_S:.0} s",
-                POSE_ANGLE_RANGE_DEG.0
-            ));
-        }
-        let share = share(&first) + share(&second);
-        let poses = first.zip(second).map(|(first, second)| match first.start_s < second.start_s {
-            true => Poses { level: first, nose_down: second },
-            false => Poses { level: second, nose_down: first },
-        });
+        let share = match (&poses, held.last()) {
+            (Some(_), _) => 1.0,
+            (None, Some(level)) => {
+                missing.push(format!(
+                    "a second pose; turn the body nose down by {:.0}° to 90°, without roll, and hold it still for {MIN_POSE_S:.0} s; level pose taken at {:.1} s",
+                    POSE_ANGLE_RANGE_DEG.0,
+                    level.start_s,
+                ));
+                0.5 + 0.5 * rests.last().map_or(0.0, |rest| if is_pair(level, rest) { held_share(rest) } else { 0.0 })
+            }
+            (None, None) => {
+                missing.push(format!("a level pose; hold the body level and still for {MIN_POSE_S:.0} s"));
+                missing.push(format!(
+                    "a second pose; turn the body nose down by {:.0}° to 90°, without roll",
+                    POSE_ANGLE_RANGE_DEG.0
+                ));
+                0.5 * rests.last().map_or(0.0, held_share)
+            }
+        };
         let summary = match &poses {
             Some(Poses { level, nose_down }) => format!(
                 "level pose from {:.1} to {:.1} s, nose-down pose ({:.1}°) from {:.1} to {:.1} s",
@@ -112,8 +111,9 @@ impl MountingCalibrator {
         let rotation = if rotation.w < 0.0 { UnitQuaternion::new_unchecked(-rotation.into_inner()) } else { rotation };
         let quaternion = [rotation.w, rotation.i, rotation.j, rotation.k];
         let sd_deg = rotation_sd_deg(&poses, &eta, &xi);
-        let mut notes =
-            vec!["the earlier pose is taken as the level one; the mounting is as accurate as the poses".into()];
+        let mut notes = vec![
+            "the pose before the nose-down one is taken as level; the mounting is as accurate as the poses".into(),
+        ];
         notes.extend(nearest_named(&matrix));
         Ok(Report {
             kind: "mounting",
@@ -140,6 +140,36 @@ impl MountingCalibrator {
             block: format!("[ingest.mounting]\nquaternion = {}\n", array(&quaternion)),
         })
     }
+}
+
+/// Returns the first pose that differs from an earlier one, as the nose-down pose, and the last of
+/// these earlier ones, as the level pose.
+fn find_poses(held: &[&Rest]) -> Option<Poses> {
+    held.iter().enumerate().find_map(|(index, nose_down)| {
+        let level = held[..index].iter().rev().find(|level| is_pair(level, nose_down))?;
+        Some(Poses { level: (*level).clone(), nose_down: (*nose_down).clone() })
+    })
+}
+
+/// Returns `true` if the poses can be a level and a nose-down one.
+///
+/// A unit is usually mounted with an axis near the vertical. If that applies to the later pose
+/// only, the readings begin with a nose-down pose, and the later pose is the level one.
+fn is_pair(level: &Rest, nose_down: &Rest) -> bool {
+    let (min, max) = POSE_ANGLE_RANGE_DEG;
+    let is_reversed = axis_angle_deg(level) > MAX_LEVEL_AXIS_DEG && axis_angle_deg(nose_down) < MAX_NAMED_ANGLE_DEG;
+    (min..=max).contains(&degrees_between(&level.force_m_s2(), &nose_down.force_m_s2())) && !is_reversed
+}
+
+/// Returns the angle between the vertical and the nearest axis of the unit, degrees.
+fn axis_angle_deg(rest: &Rest) -> f64 {
+    let up = rest.force_m_s2().normalize();
+    up.amax().min(1.0).acos().to_degrees()
+}
+
+/// Returns the share of the required duration for which a pose has been held.
+fn held_share(rest: &Rest) -> f64 {
+    (rest.duration_s() / MIN_POSE_S).min(1.0)
 }
 
 /// Returns the standard deviations of the rotations about ξ, η and ζ, degrees, as caused by the

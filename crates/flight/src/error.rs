@@ -64,7 +64,7 @@ pub enum FlightError {
         cause: io::Error,
     },
     /// No launch file is attached to the flight.
-    #[error("reading {path}: no launch file attached; pass one: plumb up LAUNCH.toml --replay {path}", path = foreign::path(path))]
+    #[error("reading {path}: no launch file attached; pass one: plumb up --launch LAUNCH.toml --replay {path}", path = foreign::path(path))]
     NoLaunchFile {
         /// Path of the file.
         path: PathBuf,

@@ -2,7 +2,7 @@
 
 use std::{
     cell::{OnceCell, RefCell},
-    fmt,
+    fmt, fs,
     marker::PhantomData,
     time::Duration,
 };
@@ -140,6 +140,17 @@ impl<B> HostedStage<B> {
     /// Returns the process identifier, or `None` if the process could not be started.
     pub fn pid(&self) -> Option<u32> {
         self.child.borrow().as_ref().map(Child::pid)
+    }
+
+    /// Returns the CPU time of all threads of the program so far, ns. Returns `None` if the process
+    /// could not be started or the kernel does not report the time.
+    pub fn cpu_ns(&self) -> Option<f64> {
+        let threads = fs::read_dir(format!("/proc/{}/task", self.pid()?)).ok()?;
+        let cpu_ns = |thread: fs::DirEntry| -> Option<f64> {
+            let text = fs::read_to_string(thread.path().join("schedstat")).ok()?;
+            text.split_whitespace().next()?.parse().ok()
+        };
+        threads.flatten().map(cpu_ns).sum()
     }
 }
 

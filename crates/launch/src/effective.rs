@@ -6,6 +6,8 @@ use crate::{Ingest, SectionDescription, Source, describe, keys::Named as _};
 
 /// Section with one table for each user-defined stage.
 const STAGES: &str = "stages";
+/// Section of the receiver, which exists only if the file contains it.
+const RECEIVER: &str = "ingest.receiver";
 /// Comment at values that the file does not set.
 const DEFAULT: &str = "# default";
 
@@ -22,6 +24,9 @@ pub fn effective_text(text: &str) -> Result<String, TomlError> {
     let root: &dyn TableLike = document.as_table();
     let source = source(root);
     let is_unused = |path: &str| {
+        if path == RECEIVER {
+            return true;
+        }
         let name = path.strip_prefix("ingest.").and_then(|rest| rest.split('.').next());
         name.is_some_and(|name| name != source && Source::NAMES.iter().any(|(other, _)| *other == name))
     };
@@ -150,6 +155,9 @@ mod tests {
         for line in ["buffer_s = 2  # default", "scenario = \"tumble\"", "seed = 7", "stage = \"wz-closed\""] {
             assert!(effective.lines().any(|found| found == line), "{line}:\n{effective}");
         }
+        assert!(!effective.contains("[ingest.receiver]"), "{effective}");
+        let receiver = effective_text("ingest.receiver.endpoint = \"tcp:localhost:9\"\n").unwrap();
+        assert!(receiver.contains("[ingest.receiver]\nendpoint = \"tcp:localhost:9\""), "{receiver}");
         assert!(!effective.contains("[ingest.serial]") && effective.contains("[ingest.sim]"), "{effective}");
         let serial = effective_text(FILES[1]).unwrap();
         assert!(serial.contains("[ingest.serial]") && !serial.contains("[ingest.sim]"), "{serial}");

@@ -212,6 +212,8 @@ pub enum SourceError {
     #[error("invalid calibration or mounting: {0}")]
     Mounting(#[from] CalibrationError),
     /// The source needs the bus, which is not available in one process.
-    #[error("reading sensors from the bus: --in-process works with simulation and replay only; remove --in-process")]
+    #[error(
+        "reading sensors from a device or the bus: --in-process works with simulation, replay and standard input only; remove --in-process"
+    )]
     NoBus,
 }

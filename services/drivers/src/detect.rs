@@ -19,7 +19,7 @@ use launch::{Format, Port, ReceiverFormat};
 
 use crate::{
     format,
-    port::{OpenPort, PortRead},
+    port::{OpenPort, PortRead, StdinDescriptor},
     reconnecting_port::remedy,
 };
 
@@ -164,7 +164,7 @@ fn listen_at_all_rates(path: &Path) -> Finding {
 type Chunk = (Duration, Vec<u8>);
 
 fn listen(port: &Port) -> io::Result<Vec<Chunk>> {
-    let mut open = OpenPort::open(port)?;
+    let mut open = OpenPort::open(port, StdinDescriptor::Own)?;
     let (start, mut buffer) = (Instant::now(), [0; 4096]);
     let (mut chunks, mut total) = (Vec::new(), 0);
     while start.elapsed() < LISTENING_TIME && total < MAX_BYTES {

@@ -28,23 +28,13 @@ impl DiagnosticsPublisher {
         Ok(Self { requests, published: Vec::new() })
     }
 
-    /// Publishes the current problems.
-    ///
-    /// A line is announced when a problem appears and when it is resolved, but not when only its
-    /// figures change.
+    /// Publishes the current problems and announces their [`changes`].
     pub(crate) fn publish(&mut self, current: Vec<Diagnostic>) {
         if current == self.published {
             return;
         }
         let service = || Service::Drivers.name().to_owned();
-        let is_in =
-            |list: &[Diagnostic], diagnostic: &Diagnostic| list.iter().any(|other| is_same_problem(other, diagnostic));
-        let mut lines = Vec::new();
-        lines.extend(
-            self.published.iter().filter(|old| !is_in(&current, old)).map(|old| format!("resolved: {}", old.found)),
-        );
-        let new = current.iter().filter(|new| !is_in(&self.published, new));
-        lines.extend(new.map(|Diagnostic { found, remedy, .. }| format!("{found}; {remedy}")));
+        let lines = changes(&self.published, &current);
         let state = ControlRequest::Diagnostics { service: service(), diagnostics: current.clone() };
         // If the queue is full, the next call tries again.
         if self.requests.try_send(state).is_ok() {
@@ -54,6 +44,15 @@ impl DiagnosticsPublisher {
             });
         }
     }
+}
+
+/// Returns a line for each problem that has appeared or is resolved. Changed figures yield none.
+pub(crate) fn changes(previous: &[Diagnostic], current: &[Diagnostic]) -> Vec<String> {
+    let is_in =
+        |list: &[Diagnostic], diagnostic: &Diagnostic| list.iter().any(|other| is_same_problem(other, diagnostic));
+    let resolved = previous.iter().filter(|old| !is_in(current, old)).map(|old| format!("resolved: {}", old.found));
+    let new = current.iter().filter(|new| !is_in(previous, new));
+    resolved.chain(new.map(|Diagnostic { found, remedy, .. }| format!("{found}; {remedy}"))).collect()
 }
 
 /// Returns `true` if both problems are of the same kind. For an unavailable port, the cause must be

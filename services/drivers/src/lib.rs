@@ -28,7 +28,9 @@
 //! | `protobuf` | length-delimited protobuf messages |
 //! | `sender_decoders` | choice of one sender of datagrams, with the decoder of each |
 //! | `stream_preamble` | header of a text stream, kept for a process that resumes in mid-stream |
-//! | `reading_publisher` | publication of measurements as readings and fixes, with timestamps |
+//! | [`reading_converter`] | conversion of measurements to readings and fixes with timestamps |
+//! | `reading_publisher` | publication of readings and fixes |
+//! | [`standard_input`] | readings of standard input for a run in one process |
 //! | `device_monitor` | detection of device problems |
 //! | `diagnostics_publisher` | reports of these problems to the supervisor and the user |
 #![forbid(unsafe_code)]
@@ -43,10 +45,12 @@ mod iio;
 mod input;
 mod port;
 mod protobuf;
+pub mod reading_converter;
 mod reading_publisher;
 mod receiver;
 mod reconnecting_port;
 mod sender_decoders;
+pub mod standard_input;
 mod stream;
 mod stream_preamble;
 
@@ -65,8 +69,10 @@ use device_monitor::{DeviceMonitor, RateCheck};
 use diagnostics_publisher::DiagnosticsPublisher;
 use iio::IioInput;
 use input::{Input, READ_TIMEOUT, ReadOutcome};
+use port::StdinDescriptor;
 use reading_publisher::ReadingPublisher;
 use receiver::Receiver;
+use reconnecting_port::StreamOrigin;
 use stream::DeviceStream;
 use stream_preamble::StreamPreamble;
 
@@ -101,13 +107,13 @@ pub fn run() -> Result<(), DriversError> {
     let mut state = State::READY;
     while !context.should_stop() {
         let report = source.as_ref().map(|source| source.report());
-        let clock = publisher.clock_health();
+        let clock = publisher.converter.clock_health();
         let clock_steps = clock.resets + clock.backsteps;
         if Instant::now() >= next_diagnostics {
             next_diagnostics = Instant::now() + DIAGNOSTICS_INTERVAL;
             let mut problems = report.clone().map_or(Vec::new(), |report| source_monitor.update(report, clock_steps));
             problems.extend(receiver.iter().flat_map(|receiver| receiver_monitor.update(receiver.report(), 0)));
-            problems.extend(publisher.rate_problem());
+            problems.extend(publisher.converter.rate_problem());
             diagnostics.publish(problems);
         }
         context.publish_health(state, |health| {
@@ -127,7 +133,7 @@ pub fn run() -> Result<(), DriversError> {
             Some(ReadOutcome::Data { after_outage }) => {
                 state = State::RUNNING;
                 if after_outage {
-                    publisher.mark_gap();
+                    publisher.converter.mark_gap();
                 }
             }
             // The source is read only when the queue is empty, so all readings have been sent.
@@ -138,9 +144,9 @@ pub fn run() -> Result<(), DriversError> {
         }
         measurements.extend(receiver.iter().flat_map(Receiver::queued_fixes));
         let arrival_ns = monotonic_ns().cast_signed();
-        let had_rate_problem = publisher.rate_problem().is_some();
+        let had_rate_problem = publisher.converter.rate_problem().is_some();
         measurements.drain(..).for_each(|measurement| publisher.push(&measurement, arrival_ns));
-        if publisher.rate_problem().is_some() && !had_rate_problem {
+        if publisher.converter.rate_problem().is_some() && !had_rate_problem {
             // A short input may end before the next report is due.
             next_diagnostics = Instant::now();
         }
@@ -158,7 +164,8 @@ fn source(ingest: &Ingest, context: &ServiceContext) -> Result<Option<Box<dyn In
     let (Some(stream), Some(port)) = (ingest.stream(), ingest.port()) else { return Ok(None) };
     let format = stream.format.clone();
     let preamble = format.is_text().then(|| StreamPreamble::open(context)).transpose()?;
-    let (name, is_resumed) = (format.name(), context.config.resume.is_some());
+    let name = format.name();
+    let origin = StreamOrigin { is_resumed: context.config.resume.is_some(), stdin: StdinDescriptor::Passed };
     let make_decoder = Box::new(move || format::decoder(&format));
-    Ok(Some(Box::new(DeviceStream::open(port.clone(), name, is_resumed, preamble, make_decoder)?)))
+    Ok(Some(Box::new(DeviceStream::open(port.clone(), name, origin, preamble, make_decoder)?)))
 }

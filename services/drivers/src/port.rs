@@ -22,11 +22,20 @@ use crate::drop_counter::DropCounter;
 /// Time limit for a TCP connection attempt.
 const CONNECT_TIMEOUT: Duration = Duration::from_secs(2);
 
+/// Descriptor from which the standard input of `plumb up` is read.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum StdinDescriptor {
+    /// Standard input of this process.
+    Own,
+    /// Standard output of this process. The supervisor passes its standard input there, because
+    /// the standard input of a service carries the configuration.
+    Passed,
+}
+
 /// Open port.
 pub(crate) enum OpenPort {
-    /// Standard input of the supervisor. It is passed to this process as its standard output,
-    /// because the standard input of this process carries the configuration.
-    Stdin,
+    /// Standard input of `plumb up`.
+    Stdin(StdinDescriptor),
     /// Datagrams of any sender.
     Udp(DatagramPort),
     /// TCP connection.
@@ -58,9 +67,9 @@ pub(crate) enum PortRead {
 }
 
 impl OpenPort {
-    pub(crate) fn open(port: &Port) -> io::Result<Self> {
+    pub(crate) fn open(port: &Port, stdin: StdinDescriptor) -> io::Result<Self> {
         match port {
-            Port::Stdin => Ok(Self::Stdin),
+            Port::Stdin => Ok(Self::Stdin(stdin)),
             Port::Udp(address) => {
                 let socket = UdpSocket::bind(address)?;
                 socket.set_nonblocking(true)?;
@@ -74,10 +83,8 @@ impl OpenPort {
     /// Reads the available bytes, waiting at most `timeout`.
     pub(crate) fn read(&mut self, bytes: &mut [u8], timeout: Duration) -> io::Result<PortRead> {
         let result = match self {
-            Self::Stdin => {
-                let port = io::stdout();
-                is_readable(&port, timeout)?.then(|| Ok(read(port.as_fd(), bytes)?))
-            }
+            Self::Stdin(StdinDescriptor::Own) => read_descriptor(&io::stdin(), bytes, timeout)?,
+            Self::Stdin(StdinDescriptor::Passed) => read_descriptor(&io::stdout(), bytes, timeout)?,
             Self::Udp(datagrams) => return datagrams.read(bytes, timeout),
             Self::Tcp(stream) => is_readable(&*stream, timeout)?.then(|| stream.read(bytes)),
             Self::Serial(file) => is_readable(&*file, timeout)?.then(|| file.read(bytes)),
@@ -103,6 +110,12 @@ impl DatagramPort {
         }
         no_data_if_interrupted(self.socket.recv_from(bytes).map(|(count, sender)| (count, Some(sender))))
     }
+}
+
+/// Reads the available bytes of a descriptor without a buffer. Returns `None` if no bytes arrive
+/// before the timeout.
+fn read_descriptor(port: &impl AsFd, bytes: &mut [u8], timeout: Duration) -> io::Result<Option<io::Result<usize>>> {
+    Ok(is_readable(port, timeout)?.then(|| Ok(read(port.as_fd(), bytes)?)))
 }
 
 /// Converts the result of a read. An interrupted read and one that would block count as no data.

@@ -16,6 +16,8 @@ use crate::{
     error::DriversError,
     format,
     input::{DeviceReport, Input, READ_TIMEOUT, ReadOutcome},
+    port::StdinDescriptor,
+    reconnecting_port::StreamOrigin,
     stream::DeviceStream,
 };
 
@@ -39,8 +41,9 @@ impl Receiver {
         let shared_report = report.clone();
         thread::Builder::new().name("receiver".into()).spawn(move || {
             let make_decoder = Box::new(move || Ok(format::receiver_decoder(format)));
+            let origin = StreamOrigin { is_resumed: true, stdin: StdinDescriptor::Passed };
             // Receiver formats have no settings, so opening their decoders cannot fail.
-            DeviceStream::open(port, format.name(), true, None, make_decoder)
+            DeviceStream::open(port, format.name(), origin, None, make_decoder)
                 .into_iter()
                 .for_each(|input| forward_fixes(input, &fix_queue, &shared_report));
         })?;

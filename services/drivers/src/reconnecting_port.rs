@@ -10,7 +10,7 @@ use std::{
 use launch::Port;
 use rustix::io::Errno;
 
-use crate::port::{OpenPort, PortRead};
+use crate::port::{OpenPort, PortRead, StdinDescriptor};
 
 /// Maximum number of bytes per read.
 const BUFFER_BYTES: usize = 1 << 16;
@@ -28,12 +28,20 @@ pub(crate) struct ReconnectingPort {
     pause: Duration,
     next_attempt: Instant,
     failure: Option<DeviceFailure>,
-    /// `true` if an earlier process has read from the same input.
-    is_resumed: bool,
+    origin: StreamOrigin,
     /// Start position of the next bytes, if the port has been opened since the last read.
     pending_start: Option<StreamStart>,
     /// Datagrams dropped on ports that are closed now.
     dropped_datagrams: u64,
+}
+
+/// Origin of the bytes of a port.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct StreamOrigin {
+    /// `true` if an earlier process has read from the same input.
+    pub(crate) is_resumed: bool,
+    /// Descriptor of standard input.
+    pub(crate) stdin: StdinDescriptor,
 }
 
 /// Reason why a device is unavailable.
@@ -73,7 +81,7 @@ pub(crate) enum Received<'a> {
 }
 
 impl ReconnectingPort {
-    pub(crate) fn new(port: Port, is_resumed: bool) -> Self {
+    pub(crate) fn new(port: Port, origin: StreamOrigin) -> Self {
         Self {
             port,
             open: None,
@@ -81,7 +89,7 @@ impl ReconnectingPort {
             pause: MIN_RETRY_PAUSE,
             next_attempt: Instant::now(),
             failure: None,
-            is_resumed,
+            origin,
             pending_start: None,
             dropped_datagrams: 0,
         }
@@ -110,13 +118,13 @@ impl ReconnectingPort {
                 thread::sleep((self.next_attempt - now).min(timeout));
                 return Received::NoData;
             }
-            match OpenPort::open(&self.port) {
+            match OpenPort::open(&self.port, self.origin.stdin) {
                 Ok(open) => {
                     self.open = Some(open);
                     self.failure = None;
                     self.pending_start = Some(match self.port {
                         Port::Serial { .. } => StreamStart::Anywhere,
-                        Port::Stdin if self.is_resumed => StreamStart::Anywhere,
+                        Port::Stdin if self.origin.is_resumed => StreamStart::Anywhere,
                         _ => StreamStart::MessageStart,
                     });
                 }

@@ -8,7 +8,7 @@ use launch::Port;
 use crate::{
     error::DriversError,
     input::{DeviceReport, Input, ReadOutcome},
-    reconnecting_port::{Received, ReconnectingPort, StreamStart},
+    reconnecting_port::{Received, ReconnectingPort, StreamOrigin, StreamStart},
     sender_decoders::{DatagramFormat, SenderDecoders},
     stream_preamble::StreamPreamble,
 };
@@ -60,12 +60,11 @@ const LINE_END: &[u8] = b"\n";
 impl DeviceStream {
     /// Opens a device.
     ///
-    /// `is_resumed` is set if an earlier process has read from the same input. `preamble` is set
-    /// for text formats.
+    /// `preamble` is set for text formats.
     pub(crate) fn open(
         port: Port,
         format: &'static str,
-        is_resumed: bool,
+        origin: StreamOrigin,
         preamble: Option<StreamPreamble>,
         make_decoder: DecoderFactory,
     ) -> Result<Self, DriversError> {
@@ -77,7 +76,7 @@ impl DeviceStream {
             _ => Decoding::Stream { decoder, previous_counts: Counts::default() },
         };
         Ok(Self {
-            port: ReconnectingPort::new(port, is_resumed),
+            port: ReconnectingPort::new(port, origin),
             format,
             make_decoder,
             decoding,

@@ -18,7 +18,8 @@ pub(crate) const MAX_BYTES: usize = (CHECKPOINT_WORDS - 1) * WORD_BYTES;
 pub(crate) struct StreamPreamble {
     text: Vec<u8>,
     is_complete: bool,
-    checkpoints: Publisher<Checkpoint>,
+    /// Publisher of the checkpoint; `None` without the bus.
+    checkpoints: Option<Publisher<Checkpoint>>,
     incarnation: u32,
 }
 
@@ -29,9 +30,14 @@ impl StreamPreamble {
         Ok(Self {
             is_complete: previous.is_some(),
             text: previous.unwrap_or_default(),
-            checkpoints: context.bus.publisher(CONTROL_BUFFER)?,
+            checkpoints: Some(context.bus.publisher(CONTROL_BUFFER)?),
             incarnation: context.config.incarnation,
         })
+    }
+
+    /// Creates an empty preamble that is not published.
+    pub(crate) fn unpublished() -> Self {
+        Self { text: Vec::new(), is_complete: false, checkpoints: None, incarnation: 0 }
     }
 
     /// Returns the text of the preamble.
@@ -52,7 +58,8 @@ impl StreamPreamble {
         let complete_bytes = self.text.iter().rposition(|byte| *byte == b'\n').map_or(0, |end| end + 1);
         self.text.truncate(complete_bytes);
         self.is_complete = true;
-        self.checkpoints.send(&to_checkpoint(&self.text, self.incarnation))
+        let Self { text, checkpoints, incarnation, .. } = self;
+        checkpoints.iter().try_for_each(|checkpoints| checkpoints.send(&to_checkpoint(text, *incarnation)))
     }
 
     /// Discards the preamble, because the bytes that follow are of another sender.

@@ -4,6 +4,7 @@ use std::{io, path::PathBuf};
 
 use bus::BusError;
 use control::ControlError;
+use drivers::DriversError;
 use flight::FlightError;
 use foreign::ForeignText;
 use launch::LaunchError;
@@ -30,7 +31,7 @@ pub enum UpError {
     Flight(String),
     /// The launch file in a flight names a program.
     #[error(
-        "the flight's own launch file runs the program `{command}` as stage {stage}, and can name any program; if you trust it, add --trust-programs, or name your own launch file: plumb up LAUNCH --replay FLIGHT"
+        "the flight's own launch file runs the program `{command}` as stage {stage}, and can name any program; if you trust it, add --trust-programs, or name your own launch file: plumb up --launch LAUNCH --replay FLIGHT"
     )]
     UntrustedProgram {
         /// Name of the stage.
@@ -109,6 +110,12 @@ pub enum UpError {
         /// Path of the file.
         path: PathBuf,
     },
+    /// A receiver was configured for a run without a bus.
+    #[error("cannot read the receiver: --in-process starts no drivers; omit --in-process or the receiver")]
+    ReceiverWithoutBus,
+    /// Standard input could not be decoded.
+    #[error(transparent)]
+    StandardInput(#[from] DriversError),
     /// A recording was requested for a run without a bus.
     #[error("cannot record the flight: --in-process has no bus to record; omit --in-process or --record")]
     NoBus,
@@ -175,7 +182,7 @@ impl UpError {
     /// 1 for every other error.
     pub fn exit_code(&self) -> u8 {
         match self {
-            Self::Launch(_) | Self::Recording(_) | Self::Source(_) | Self::Flight(_) => 3,
+            Self::Launch(_) | Self::Recording(_) | Self::Source(_) | Self::Flight(_) | Self::StandardInput(_) => 3,
             Self::AbsentService { .. } | Self::NoDate | Self::NoModel { .. } => 3,
             Self::UntrustedProgram { .. }
             | Self::OutIsReplay { .. }
@@ -183,6 +190,7 @@ impl UpError {
             | Self::Terminal
             | Self::DurationWithoutRate
             | Self::Receiver
+            | Self::ReceiverWithoutBus
             | Self::NoBus => 2,
             _ => 1,
         }

@@ -6,13 +6,17 @@ use std::{
     time::Duration,
 };
 
-use launch::Service;
-use messages::{FusedState, Reference};
+use drivers::{
+    reading_converter::DeviceReading,
+    standard_input::{Next, StandardInput},
+};
+use launch::{Service, Source};
+use messages::{FusedState, ReceiverReading, Reference};
 use pipeline::{AttitudeFile, Collector, Path};
 use readings::{
     conditioner::{Conditioner, Sample},
     flight_replay::FlightReplay,
-    source::{Readings, Truth},
+    source::{Reading, Readings, Truth, receiver_fix},
 };
 use runtime::{
     Pace,
@@ -42,9 +46,14 @@ const VIEW_INTERVAL_NS: u64 = 100_000_000;
 /// Returns an error if the source, a stage or the output file could not be opened. Later failures
 /// are part of the report.
 pub fn run(plan: &Plan, stop_requested: &AtomicBool) -> Result<Report, UpError> {
-    let samples = Samples::Source {
-        readings: Box::new(Readings::open(&plan.config.launch)?),
-        conditioner: Box::new(readings::conditioner(&plan.config)?),
+    let ingest = &plan.config.launch.ingest;
+    let conditioner = Box::new(readings::conditioner(&plan.config)?);
+    let samples = match ingest.source {
+        Source::Stdin if ingest.live.receiver.port.is_some() => return Err(UpError::ReceiverWithoutBus),
+        Source::Stdin => {
+            Samples::StandardInput { input: Box::new(StandardInput::open(ingest)?), fix: None, conditioner }
+        }
+        _ => Samples::Source { readings: Box::new(Readings::open(&plan.config.launch)?), conditioner },
     };
     run_samples(plan, stop_requested, samples, Path::new(&plan.config)?)
 }
@@ -64,14 +73,44 @@ pub fn replay(plan: &Plan, flight: Flight, stop_requested: &AtomicBool) -> Resul
 
 /// Source of samples that counts the ticks and the rejected readings.
 enum Samples {
-    Source { readings: Box<Readings>, conditioner: Box<Conditioner> },
-    Flight { readings: TakenReadings, retaken: Box<FlightReplay> },
+    Source {
+        readings: Box<Readings>,
+        conditioner: Box<Conditioner>,
+    },
+    StandardInput {
+        input: Box<StandardInput>,
+        /// Newest fix, for the next reading.
+        fix: Option<ReceiverReading>,
+        conditioner: Box<Conditioner>,
+    },
+    Flight {
+        readings: TakenReadings,
+        retaken: Box<FlightReplay>,
+    },
 }
 
 impl Samples {
-    /// Returns the next sample, or `None` at the end.
-    fn next(&mut self) -> Result<Option<Sample>, UpError> {
+    /// Returns the next sample, or `None` at the end. Waits for standard input until a stop is
+    /// requested.
+    fn next(&mut self, stop_requested: &AtomicBool, view: &View) -> Result<Option<Sample>, UpError> {
         match self {
+            Self::StandardInput { input, fix, conditioner } => {
+                while !stop_requested.load(Ordering::SeqCst) {
+                    let next = input.next()?;
+                    view.announce(input.problem_changes(matches!(next, Next::End)));
+                    match next {
+                        Next::Reading(DeviceReading::Sensor(reading)) => {
+                            let fix = fix.take().map(receiver_fix);
+                            if let Some(sample) = conditioner.condition(&Reading { fix, ..reading.into() }) {
+                                return Ok(Some(sample));
+                            }
+                        }
+                        Next::Reading(DeviceReading::Fix(reading)) => *fix = Some(reading),
+                        Next::NoData => {}
+                        Next::End => break,
+                    }
+                }
+            }
             Self::Source { readings, conditioner } => {
                 for reading in readings {
                     let reading = reading?;
@@ -93,14 +132,22 @@ impl Samples {
 
     fn ticks(&self) -> u64 {
         match self {
-            Self::Source { conditioner, .. } => conditioner.ticks(),
+            Self::Source { conditioner, .. } | Self::StandardInput { conditioner, .. } => conditioner.ticks(),
             Self::Flight { retaken, .. } => retaken.ticks(),
+        }
+    }
+
+    /// Returns `true` if the samples are computed or read from a file, so that they may be delayed.
+    fn is_paced(&self) -> bool {
+        match self {
+            Self::Source { .. } | Self::Flight { .. } => true,
+            Self::StandardInput { .. } => false,
         }
     }
 
     fn rejected(&self) -> u64 {
         match self {
-            Self::Source { conditioner, .. } => conditioner.rejected(),
+            Self::Source { conditioner, .. } | Self::StandardInput { conditioner, .. } => conditioner.rejected(),
             Self::Flight { retaken, .. } => retaken.rejected(),
         }
     }
@@ -131,7 +178,9 @@ fn run_samples(
             .map(|service| ServiceReport { name: service.name(), pid: Some(std::process::id()), restarts: 0 })
             .into(),
     };
-    Ok(Report::new(collector, totals, result.err()))
+    let is_empty = matches!(samples, Samples::StandardInput { .. }) && totals.ticks_in == 0;
+    let failure = result.err().or_else(|| is_empty.then_some(UpError::NoReadings { source_name: "standard input" }));
+    Ok(Report::new(collector, totals, failure))
 }
 
 fn pump(
@@ -148,9 +197,11 @@ fn pump(
     let mut fused = Vec::new();
     runtime::clock::minimise_timer_slack();
     while !stop_requested.load(Ordering::SeqCst) && plan.config.max_ticks.is_none_or(|max| samples.ticks() < max) {
-        let Some(mut sample) = samples.next()? else { break };
+        let Some(mut sample) = samples.next(stop_requested, view)? else { break };
         let since_first_ns = sample.imu.header.t_end_ns - *first_ns.get_or_insert(sample.imu.header.t_end_ns);
-        if let Pace::Speed(speed) = plan.config.pace {
+        if let Pace::Speed(speed) = plan.config.pace
+            && samples.is_paced()
+        {
             let due_ns = start_ns + (since_first_ns as f64 / speed) as u64;
             while monotonic_ns() < due_ns && !stop_requested.load(Ordering::SeqCst) {
                 sleep_until_ns(due_ns, MAX_SLEEP);

@@ -265,7 +265,7 @@ impl System {
         let launch = format!("name = \"{name}\"\n{services}\n{settings}\n");
         fs::write(folder.path().join("launch.toml"), launch).unwrap();
         let mut command = Command::new(plumb());
-        command.args(["up", "launch.toml", "--json", "--out", "out.csv"]).current_dir(folder.path());
+        command.args(["up", "--launch", "launch.toml", "--json", "--out", "out.csv"]).current_dir(folder.path());
         command.env("XDG_STATE_HOME", folder.path()).stdin(Stdio::null()).stdout(Stdio::null());
         let mut process = command.stderr(Stdio::piped()).spawn().unwrap();
         let stderr = process.stderr.take().map(BufReader::new);

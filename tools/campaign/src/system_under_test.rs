@@ -60,7 +60,7 @@ impl SystemUnderTest {
         let log = File::create(folder.path().join("log")).map_err(io_error("writing the log"))?;
         let report = File::create(folder.path().join("report")).map_err(io_error("writing the report"))?;
         let child = Command::new(std::env::current_exe().map_err(io_error("finding plumb"))?)
-            .arg("up")
+            .args(["up", "--launch"])
             .arg(&file)
             .arg("--json")
             .args(duration_s.iter().flat_map(|duration_s| ["--for".into(), format!("{duration_s}s")]))

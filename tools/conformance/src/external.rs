@@ -1,7 +1,6 @@
 //! Checks a stage that runs as a separate program and measures the cost of its steps.
 
 use std::{
-    fs,
     thread::sleep,
     time::{Duration, Instant},
 };
@@ -11,6 +10,7 @@ use host::{HostError, HostableStage, HostedStage, child::START_TIMEOUT};
 use launch::{ExternalStage, Slot};
 
 use crate::{
+    budget::Budget,
     cpu_affinity::SingleCpu,
     report::{Check, Measurement, Report},
     script::S1,
@@ -24,8 +24,9 @@ const STEP_INTERVAL: Duration = Duration::from_millis(1);
 
 /// Checks an external program as the stage `name` of its slot.
 ///
-/// `on_group_start` receives the name of each group of checks, because a group can take minutes.
-/// The timeout for each response is the start timeout of a program.
+/// Checks for which `time` does not suffice are left out; `None` is no limit. `on_check` receives
+/// the name of each check before it runs. The timeout for each response is the start timeout of a
+/// program.
 ///
 /// # Errors
 ///
@@ -33,31 +34,35 @@ const STEP_INTERVAL: Duration = Duration::from_millis(1);
 pub fn run_external(
     name: &str,
     program: &ExternalStage,
-    on_group_start: &mut dyn FnMut(&str),
+    time: Option<Duration>,
+    on_check: &dyn Fn(&str),
 ) -> Result<Report, HostError> {
     match program.slot {
-        Slot::Gyro => run_in_slot::<GyroSlot>(name, program, on_group_start),
-        Slot::Accel => run_in_slot::<AccelSlot>(name, program, on_group_start),
-        Slot::Fuser => run_in_slot::<FuserSlot>(name, program, on_group_start),
-        Slot::Course => run_in_slot::<CourseSlot>(name, program, on_group_start),
+        Slot::Gyro => run_in_slot::<GyroSlot>(name, program, time, on_check),
+        Slot::Accel => run_in_slot::<AccelSlot>(name, program, time, on_check),
+        Slot::Fuser => run_in_slot::<FuserSlot>(name, program, time, on_check),
+        Slot::Course => run_in_slot::<CourseSlot>(name, program, time, on_check),
     }
 }
 
 fn run_in_slot<L: SlotSpec>(
     name: &str,
     program: &ExternalStage,
-    on_group_start: &mut dyn FnMut(&str),
+    time: Option<Duration>,
+    on_check: &dyn Fn(&str),
 ) -> Result<Report, HostError>
 where
     L::BuiltIn: HostableStage,
     HostedStage<L::BuiltIn>: SlotStage<L>,
 {
+    let cost_time = STEP_INTERVAL * TIMED_STEPS as u32;
+    let budget = Budget::new(time.map(|time| time.saturating_sub(cost_time)), on_check);
     let mut report = {
         let _pinned = SingleCpu::pin();
         let stage = HostedStage::<L::BuiltIn>::start(name, program, START_TIMEOUT)?;
-        crate::report::<L, _>(&|| stage.clone(), on_group_start)
+        crate::report::<L, _>(&|| stage.clone(), &budget)
     };
-    on_group_start("cost");
+    on_check("step round trip at 1 kHz");
     match HostedStage::start(name, program, START_TIMEOUT) {
         Ok(stage) => report.checks.extend(cost_checks::<L>(stage)),
         Err(cause) => report.checks.push(Check::property("the program starts a second time", Some(cause.to_string()))),
@@ -72,7 +77,7 @@ where
     HostedStage<L::BuiltIn>: SlotStage<L>,
 {
     let inputs = L::inputs(&S1);
-    let (mut times, started, cpu_before_ns) = (Vec::new(), Instant::now(), cpu_ns(&stage));
+    let (mut times, started, cpu_before_ns) = (Vec::new(), Instant::now(), stage.cpu_ns());
     for (count, (_, input)) in (0u32..).zip(inputs.iter().take(TIMED_STEPS)) {
         sleep((STEP_INTERVAL * count).saturating_sub(started.elapsed()));
         let requested = Instant::now();
@@ -80,7 +85,7 @@ where
         times.push(requested.elapsed());
     }
     let share =
-        cpu_ns(&stage).zip(cpu_before_ns).map(|(now, before)| (now - before) / started.elapsed().as_nanos() as f64);
+        stage.cpu_ns().zip(cpu_before_ns).map(|(now, before)| (now - before) / started.elapsed().as_nanos() as f64);
     times.sort_unstable();
     let quantile = |share: f64| times.get((share * (times.len().max(1) - 1) as f64) as usize).copied();
     let check = |name: &str, value: Option<f64>, unit: &'static str| {
@@ -92,10 +97,4 @@ where
         check("step round trip at 1 kHz, 99th percentile", us(quantile(0.99)), "µs"),
         check("CPU time of the program at 1 kHz", share.map(|share| share * 100.0), "%"),
     ]
-}
-
-/// Returns the CPU time of the program, ns.
-fn cpu_ns<B>(stage: &HostedStage<B>) -> Option<f64> {
-    let text = fs::read_to_string(format!("/proc/{}/schedstat", stage.pid()?)).ok()?;
-    text.split_whitespace().next()?.parse().ok()
 }

@@ -1,6 +1,7 @@
 //! Checks that a stage continues from the common state of any other stage of the slot.
 
 use crate::{
+    budget::Budget,
     report::{Check, Measurement},
     run::{angle_deg, describe_invalid_output, inclination_deg, rms},
     script::S1,
@@ -19,7 +20,10 @@ const MAX_ERROR_FACTOR: f64 = 1.5;
 /// Allowance added to the error limit, degrees.
 const ERROR_MARGIN_DEG: f64 = 0.05;
 
-pub(crate) fn checks<L: SlotSpec, S: SlotStage<L>>(make: &impl Fn() -> S) -> Vec<Check> {
+pub(crate) fn checks<L: SlotSpec, S: SlotStage<L>>(make: &impl Fn() -> S, budget: &Budget<'_>) -> Vec<Check> {
+    if !budget.starts("hand-over") {
+        return Vec::new();
+    }
     let own = make().name();
     let others = || {
         L::STAGE_NAMES.iter().filter(move |name| **name != own).filter_map(|name| Some((*name, L::from_name(name)?)))
@@ -28,7 +32,7 @@ pub(crate) fn checks<L: SlotSpec, S: SlotStage<L>>(make: &impl Fn() -> S) -> Vec
     let inputs = L::inputs(&S1);
     let mut donor = make();
     step_all::<L, S>(&mut donor, &inputs[..HAND_OVER_INPUT]);
-    for (name, other) in others() {
+    for (name, other) in budget.cases(others()) {
         let rmse_deg = undisturbed_rmse_deg::<L, L::BuiltIn>(other.clone(), &inputs);
         checks.extend(check_hand_over::<L, S, L::BuiltIn>(
             &donor,
@@ -39,7 +43,7 @@ pub(crate) fn checks<L: SlotSpec, S: SlotStage<L>>(make: &impl Fn() -> S) -> Vec
         ));
     }
     let rmse_deg = undisturbed_rmse_deg::<L, S>(make(), &inputs);
-    for (name, mut other) in others() {
+    for (name, mut other) in budget.cases(others()) {
         step_all::<L, L::BuiltIn>(&mut other, &inputs[..HAND_OVER_INPUT]);
         checks.extend(check_hand_over::<L, L::BuiltIn, S>(
             &other,

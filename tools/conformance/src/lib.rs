@@ -4,7 +4,8 @@
 //!
 //! Output: a [`Report`] with the result of each check.
 //!
-//! Time: the timestamps of the scripts. Checking a stage takes one or two seconds.
+//! Time: the timestamps of the scripts. Checking a stage takes one or two seconds. The system clock
+//! limits the checks of a stage in a separate program.
 //!
 //! Failure: a panic in a stage is not caught.
 //!
@@ -25,11 +26,13 @@
 //! | `settings` | every allowed parameter value works |
 //! | `recovery` | the level recovers from each fault within the limits of `recovery.csv` |
 //! | [`script`], [`fault`] | simulated sensors and their faults |
+//! | `budget` | time for the checks of a stage |
 //! | `slot`, `run` | properties of the slots, and runs of a stage |
 //! | `external`, `cpu_affinity` | stages in a separate program, and the cost of their steps |
 //! | [`golden`] | golden traces of the outputs |
 #![forbid(unsafe_code)]
 
+mod budget;
 mod cpu_affinity;
 mod external;
 pub mod fault;
@@ -56,9 +59,10 @@ use attitude::{
     stage::Stage,
     state::Attitude,
 };
+use budget::Budget;
 pub use external::run_external;
 use launch::Slot;
-pub use report::{Check, Measurement, Report};
+pub use report::{Check, LeftOut, Measurement, Report};
 use slot::{AccelSlot, CourseSlot, FuserSlot, GyroSlot, SlotSpec, SlotStage};
 
 /// Returns every built-in stage as (slot, stage).
@@ -84,7 +88,7 @@ pub fn gyro<S>(make: impl Fn() -> S) -> Report
 where
     S: Stage<Input = RateSample, Output = Motion, Common = Attitude> + Clone,
 {
-    report::<GyroSlot, S>(&make, &mut |_| {})
+    report::<GyroSlot, S>(&make, &Budget::new(None, &|_| {}))
 }
 
 /// Checks an accelerometer stage.
@@ -92,7 +96,7 @@ pub fn accel<S>(make: impl Fn() -> S) -> Report
 where
     S: Stage<Input = Vector3<f64>, Output = Inclination, Common = Point> + Clone,
 {
-    report::<AccelSlot, S>(&make, &mut |_| {})
+    report::<AccelSlot, S>(&make, &Budget::new(None, &|_| {}))
 }
 
 /// Checks a fuser stage.
@@ -100,7 +104,7 @@ pub fn fuser<S>(make: impl Fn() -> S) -> Report
 where
     S: Stage<Input = FuserInput, Output = Fused, Common = Estimate> + Clone,
 {
-    report::<FuserSlot, S>(&make, &mut |_| {})
+    report::<FuserSlot, S>(&make, &Budget::new(None, &|_| {}))
 }
 
 /// Checks a course stage.
@@ -108,12 +112,12 @@ pub fn course<S>(make: impl Fn() -> S) -> Report
 where
     S: Stage<Input = CourseInput, Output = CourseReading, Common = LastReading> + Clone,
 {
-    report::<CourseSlot, S>(&make, &mut |_| {})
+    report::<CourseSlot, S>(&make, &Budget::new(None, &|_| {}))
 }
 
 fn run_in_slot<L: SlotSpec>(name: &str) -> Option<Report> {
     let stage = L::from_name(name)?;
-    let mut report = report::<L, L::BuiltIn>(&|| stage.clone(), &mut |_| {});
+    let mut report = report::<L, L::BuiltIn>(&|| stage.clone(), &Budget::new(None, &|_| {}));
     let reported = stage.name();
     let misnamed = (reported != name).then(|| format!("it reports {reported}"));
     report.stage = name.into();
@@ -122,11 +126,14 @@ fn run_in_slot<L: SlotSpec>(name: &str) -> Option<Report> {
 }
 
 /// Function that runs one group of checks on stages created by the given constructor.
-type CheckGroup<M> = fn(&M) -> Vec<Check>;
+type CheckGroup<M> = fn(&M, &Budget<'_>) -> Vec<Check>;
 
-/// Runs all checks. `on_group_start` receives the name of each group of checks.
-fn report<L: SlotSpec, S: SlotStage<L>>(make: &impl Fn() -> S, on_group_start: &mut dyn FnMut(&str)) -> Report {
-    let groups: [(&str, CheckGroup<_>); 7] = [
+/// Number of groups of checks.
+const GROUPS: u32 = 7;
+
+/// Runs the checks that the budget has time for.
+fn report<L: SlotSpec, S: SlotStage<L>>(make: &impl Fn() -> S, budget: &Budget<'_>) -> Report {
+    let groups: [(&str, CheckGroup<_>); GROUPS as usize] = [
         ("validity", validity::checks::<L, S>),
         ("repeatability", repeatability::checks::<L, S>),
         ("rejection", rejection::checks::<L, S>),
@@ -135,10 +142,11 @@ fn report<L: SlotSpec, S: SlotStage<L>>(make: &impl Fn() -> S, on_group_start: &
         ("settings", settings::checks::<L, S>),
         ("recovery", recovery::checks::<L, S>),
     ];
-    let mut checks = Vec::new();
-    for (name, run_group) in groups {
-        on_group_start(name);
-        checks.extend(run_group(make));
+    let (mut checks, mut left_out) = (Vec::new(), Vec::new());
+    for ((group, run_group), groups_left) in groups.into_iter().zip((1..=GROUPS).rev()) {
+        budget.start_group(groups_left);
+        checks.extend(run_group(make, budget));
+        left_out.extend((budget.left_out() > 0).then(|| LeftOut { group: group.into(), count: budget.left_out() }));
     }
-    Report { slot: L::SLOT, stage: make().name().into(), checks }
+    Report { slot: L::SLOT, stage: make().name().into(), checks, left_out }
 }

@@ -11,6 +11,7 @@ use std::sync::LazyLock;
 use launch::Slot;
 
 use crate::{
+    budget::Budget,
     fault::{CATALOGUE, FAULT_START_S, Fault},
     report::{Check, Measurement},
     run::{PrefixRun, rms},
@@ -43,7 +44,10 @@ fn table_value<L: SlotSpec>(row: &str, stage: &str) -> Option<f64> {
     TABLE.iter().find(|cells| cells.first() == Some(&row))?.get(column)?.parse().ok()
 }
 
-pub(crate) fn checks<L: SlotSpec, S: SlotStage<L>>(make: &impl Fn() -> S) -> Vec<Check> {
+pub(crate) fn checks<L: SlotSpec, S: SlotStage<L>>(make: &impl Fn() -> S, budget: &Budget<'_>) -> Vec<Check> {
+    if !budget.starts("inclination RMSE on S1 with sensor errors") {
+        return Vec::new();
+    }
     let stage = make();
     let prefix = PrefixRun::<L, S>::new(make(), &S1, S1.ticks_before(FAULT_START_S));
     let undisturbed = prefix.resume(&S1);
@@ -57,9 +61,12 @@ pub(crate) fn checks<L: SlotSpec, S: SlotStage<L>>(make: &impl Fn() -> S) -> Vec
     let mut checks =
         vec![Check::at_most("inclination RMSE on S1 with sensor errors", undisturbed, || "undisturbed".into())];
     for fault in CATALOGUE {
+        let name = format!("recovers from {} to within {bound_deg:.2}°", fault.name);
+        if !budget.starts(&name) {
+            continue;
+        }
         let limit = table_value::<L>(fault.name, stage.name());
         let run = prefix.resume(&fault.apply(&S1));
-        let name = format!("recovers from {} to within {bound_deg:.2}°", fault.name);
         checks.push(match run.invalid_output {
             Some(error) => Check::property(name, Some(error)),
             None => {

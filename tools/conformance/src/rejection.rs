@@ -3,6 +3,7 @@
 use attitude::stage::{RestoreError, Snapshot};
 
 use crate::{
+    budget::Budget,
     report::Check,
     run::{first_difference, first_invalid_output, state_bits},
     script::{S1, Script},
@@ -12,7 +13,10 @@ use crate::{
 /// Number of inputs before the snapshot. The estimate has left its initial values by then.
 const SNAPSHOT_INPUT: usize = 1500;
 
-pub(crate) fn checks<L: SlotSpec, S: SlotStage<L>>(make: &impl Fn() -> S) -> Vec<Check> {
+pub(crate) fn checks<L: SlotSpec, S: SlotStage<L>>(make: &impl Fn() -> S, budget: &Budget<'_>) -> Vec<Check> {
+    if !budget.starts("rejection of snapshots") {
+        return Vec::new();
+    }
     let inputs = L::inputs(&S1);
     let mut stage = make();
     inputs[..SNAPSHOT_INPUT].iter().for_each(|(_, input)| {
@@ -25,7 +29,7 @@ pub(crate) fn checks<L: SlotSpec, S: SlotStage<L>>(make: &impl Fn() -> S) -> Vec
         marker: core::marker::PhantomData,
     };
     let snapshot = check.stage.snapshot();
-    let bits = (0..snapshot.len).find_map(|index| {
+    let bits = budget.cases(0..snapshot.len).find_map(|index| {
         [0, 31, 51, 62, 63].into_iter().find_map(|bit| {
             let mut damaged = snapshot;
             damaged.values[index] = f64::from_bits(damaged.values[index].to_bits() ^ (1 << bit));
@@ -46,7 +50,7 @@ pub(crate) fn checks<L: SlotSpec, S: SlotStage<L>>(make: &impl Fn() -> S) -> Vec
         |error| matches!(error, RestoreError::OtherStage { .. }),
         || "the name".into(),
     );
-    let non_finite = (0..snapshot.len).find_map(|index| {
+    let non_finite = budget.cases(0..snapshot.len).find_map(|index| {
         [f64::NAN, f64::INFINITY].into_iter().find_map(|x| {
             let is_expected =
                 |error: &RestoreError| matches!(error, RestoreError::NotFinite { index: found } if *found == index);
@@ -58,13 +62,13 @@ pub(crate) fn checks<L: SlotSpec, S: SlotStage<L>>(make: &impl Fn() -> S) -> Vec
         let changed = (0..snapshot.len).fold(snapshot, |changed, index| with_value(changed, index, x));
         check.rejection_error(&changed, any, || format!("{x:e} as every value"))
     });
-    let single_value = (0..snapshot.len).find_map(|index| {
+    let single_value = budget.cases(0..snapshot.len).find_map(|index| {
         let value = snapshot.values[index];
         [0.0, -value, -1.0, 1e3, 1e9, -1e9].into_iter().find_map(|x| {
             check.harm(&with_value(snapshot, index, x)).map(|harm| format!("{x:e} as value {index}: {harm}"))
         })
     });
-    let common = L::invalid_common_states().into_iter().find_map(|(name, common)| {
+    let common = budget.cases(L::invalid_common_states()).find_map(|(name, common)| {
         let mut stage = check.stage.clone();
         let result = stage.adopt(&common);
         check.unchanged_error(stage, result.is_err()).map(|error| format!("{name}: {error}"))

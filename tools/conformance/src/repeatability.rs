@@ -1,6 +1,7 @@
 //! Checks that equal inputs yield bit-identical outputs, even after a restore from a snapshot.
 
 use crate::{
+    budget::Budget,
     fault::{CATALOGUE, FAULT_START_S},
     report::Check,
     run::first_difference,
@@ -11,24 +12,28 @@ use crate::{
 /// Maximum number of inputs after a snapshot for which the outputs are compared.
 const COMPARED_INPUTS: usize = 500;
 
-pub(crate) fn checks<L: SlotSpec, S: SlotStage<L>>(make: &impl Fn() -> S) -> Vec<Check> {
-    let repeated = SHORT_SCRIPTS.iter().find_map(|script| {
-        let tick = first_difference::<L, S>(&mut make(), &mut make(), &L::inputs(script))?;
-        Some(format!("{}, tick {tick}", script.name))
+pub(crate) fn checks<L: SlotSpec, S: SlotStage<L>>(make: &impl Fn() -> S, budget: &Budget<'_>) -> Vec<Check> {
+    let mut checks = Vec::new();
+    budget.check_property(&mut checks, "two runs are bit-identical", || {
+        budget.cases(&*SHORT_SCRIPTS).find_map(|script| {
+            let tick = first_difference::<L, S>(&mut make(), &mut make(), &L::inputs(script))?;
+            Some(format!("{}, tick {tick}", script.name))
+        })
     });
-    let restored = [0, 1, 7, 99, 500, 1013].iter().find_map(|at| restored_run_difference::<L, S>(make, &S1, *at));
-    let restored_tumbling =
-        [3, 250, 777].iter().find_map(|at| restored_run_difference::<L, S>(make, &SHORT_SCRIPTS[1], *at));
-    let restored_in_fault = CATALOGUE.iter().find_map(|fault| {
-        let script = fault.apply(&S1);
-        let middle_s = FAULT_START_S + 0.5 * fault.duration_s;
-        restored_run_difference::<L, S>(make, &script, script.ticks_before(middle_s))
+    budget.check_property(&mut checks, "a restored run is bit-identical", || {
+        let in_s1 = [0, 1, 7, 99, 500, 1013].map(|at| (&*S1, at));
+        let tumbling = [3, 250, 777].map(|at| (&SHORT_SCRIPTS[1], at));
+        let mut snapshots = budget.cases(in_s1.into_iter().chain(tumbling));
+        snapshots.find_map(|(script, at)| restored_run_difference::<L, S>(make, script, at))
     });
-    vec![
-        Check::property("two runs are bit-identical", repeated),
-        Check::property("a restored run is bit-identical", restored.or(restored_tumbling)),
-        Check::property("a run restored during a fault is bit-identical", restored_in_fault),
-    ]
+    budget.check_property(&mut checks, "a run restored during a fault is bit-identical", || {
+        budget.cases(CATALOGUE).find_map(|fault| {
+            let script = fault.apply(&S1);
+            let middle_s = FAULT_START_S + 0.5 * fault.duration_s;
+            restored_run_difference::<L, S>(make, &script, script.ticks_before(middle_s))
+        })
+    });
+    checks
 }
 
 /// Compares a stage with a copy restored from a snapshot after `at` inputs, and returns the first

@@ -14,6 +14,17 @@ pub struct Report {
     pub stage: String,
     /// Checks in the order in which they ran.
     pub checks: Vec<Check>,
+    /// Groups of checks that were not completed for lack of time.
+    pub left_out: Vec<LeftOut>,
+}
+
+/// Part of a group of checks that was left out.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize)]
+pub struct LeftOut {
+    /// Name of the group.
+    pub group: String,
+    /// Number of checks, and of cases of checks, that were left out.
+    pub count: u64,
 }
 
 /// Result of one check.
@@ -73,7 +84,11 @@ impl fmt::Display for Report {
         if failed > 0 {
             write!(f, ", {failed} failed")?;
         }
-        self.checks.iter().try_for_each(|check| write!(f, "\n{check}"))
+        self.checks.iter().try_for_each(|check| write!(f, "\n{check}"))?;
+        for LeftOut { group, count } in &self.left_out {
+            write!(f, "\n  left out: {} of {group}", pluralize(*count, "case"))?;
+        }
+        Ok(())
     }
 }
 

@@ -3,6 +3,7 @@
 use attitude::parameters::{Parameter, ParameterError};
 
 use crate::{
+    budget::Budget,
     fault::{CATALOGUE, FAULT_START_S},
     repeatability::restored_run_difference,
     report::Check,
@@ -27,31 +28,32 @@ const UNIT_SUFFIXES: [(&str, &str); 12] = [
     ("m", "_m"),
 ];
 
-pub(crate) fn checks<L: SlotSpec, S: SlotStage<L>>(make: &impl Fn() -> S) -> Vec<Check> {
+pub(crate) fn checks<L: SlotSpec, S: SlotStage<L>>(make: &impl Fn() -> S, budget: &Budget<'_>) -> Vec<Check> {
     let table = make().parameters();
     let undeclared = table
         .iter()
         .find_map(|parameter| declaration_error(parameter).map(|error| format!("{}: {error}", parameter.name)));
     let mut checks = vec![Check::property("parameters declare unit, range and description", undeclared)];
-    checks.push(Check::property(
-        "unknown parameters and values out of range are rejected",
-        rejection_error::<L, S>(make, table),
-    ));
-    let changed = table.iter().find_map(|parameter| {
-        let mut stage = make();
-        let errors =
-            [parameter.max, parameter.min, parameter.default].map(|value| stage.set(parameter.name, value).err());
-        if let Some(error) = errors.into_iter().flatten().next() {
-            return Some(error.to_string());
-        }
-        let tick = first_difference::<L, S>(&mut stage, &mut make(), &L::inputs(&SHORT_SCRIPTS[0]))?;
-        Some(format!("{} set to its default: the output differs at tick {tick}", parameter.name))
+    budget.check_property(&mut checks, "unknown parameters and values out of range are rejected", || {
+        rejection_error::<L, S>(make, table)
     });
-    checks.push(Check::property("a parameter set to its default changes nothing", changed));
+    budget.check_property(&mut checks, "a parameter set to its default changes nothing", || {
+        budget.cases(table).find_map(|parameter| {
+            let mut stage = make();
+            let errors =
+                [parameter.max, parameter.min, parameter.default].map(|value| stage.set(parameter.name, value).err());
+            if let Some(error) = errors.into_iter().flatten().next() {
+                return Some(error.to_string());
+            }
+            let tick = first_difference::<L, S>(&mut stage, &mut make(), &L::inputs(&SHORT_SCRIPTS[0]))?;
+            Some(format!("{} set to its default: the output differs at tick {tick}", parameter.name))
+        })
+    });
     for parameter in table {
         for value in [parameter.min, parameter.max] {
             let name = format!("valid and repeatable with {} = {value} {}", parameter.name, parameter.unit);
-            checks.push(Check::property(name.trim_end(), invalid_with::<L, S>(make, parameter, value)));
+            budget
+                .check_property(&mut checks, name.trim_end(), || invalid_with::<L, S>(make, parameter, value, budget));
         }
     }
     checks
@@ -90,6 +92,7 @@ fn invalid_with<L: SlotSpec, S: SlotStage<L>>(
     make: &impl Fn() -> S,
     parameter: &Parameter,
     value: f64,
+    budget: &Budget<'_>,
 ) -> Option<String> {
     let mut stage = make();
     if let Err(error) = stage.set(parameter.name, value) {
@@ -98,7 +101,7 @@ fn invalid_with<L: SlotSpec, S: SlotStage<L>>(
     let in_faults = || {
         let prefix =
             PrefixRun::<L, S>::new(stage.clone(), &SHORT_SCRIPTS[0], SHORT_SCRIPTS[0].ticks_before(FAULT_START_S));
-        CATALOGUE.iter().find_map(|fault| prefix.resume(&fault.apply(&SHORT_SCRIPTS[0])).invalid_output)
+        budget.cases(CATALOGUE).find_map(|fault| prefix.resume(&fault.apply(&SHORT_SCRIPTS[0])).invalid_output)
     };
     first_invalid_output::<L, S>(&mut stage.clone(), &SHORT_SCRIPTS[1])
         .or_else(in_faults)

@@ -3,6 +3,7 @@
 use attitude::{Vector3, gnss::Fix};
 
 use crate::{
+    budget::Budget,
     fault::{CATALOGUE, FAULT_START_S, MAX_INTERVAL_S},
     report::Check,
     run::{PrefixRun, first_invalid_output},
@@ -17,17 +18,22 @@ const EXTREME_NUMBERS: [f64; 7] = [0.0, 1e-300, 1e4, -1e9, 1e30, -1e100, f64::MA
 /// other values of the fix are copied from the given one.
 type SetNumber = fn(&mut Tick, f64, Option<Fix>);
 
-pub(crate) fn checks<L: SlotSpec, S: SlotStage<L>>(make: &impl Fn() -> S) -> Vec<Check> {
-    let clean = SHORT_SCRIPTS.iter().chain([&*S1]).find_map(|script| first_invalid_output::<L, S>(&mut make(), script));
-    let mut checks = vec![Check::property("outputs are valid without a fault", clean)];
+pub(crate) fn checks<L: SlotSpec, S: SlotStage<L>>(make: &impl Fn() -> S, budget: &Budget<'_>) -> Vec<Check> {
+    let mut checks = Vec::new();
+    budget.check_property(&mut checks, "outputs are valid without a fault", || {
+        let scripts = SHORT_SCRIPTS.iter().chain([&*S1]);
+        budget.cases(scripts).find_map(|script| first_invalid_output::<L, S>(&mut make(), script))
+    });
     // S1 is left out, because the recovery checks cover it.
     let prefixes = SHORT_SCRIPTS
         .iter()
         .map(|script| (script, PrefixRun::<L, S>::new(make(), script, script.ticks_before(FAULT_START_S))));
     let prefixes: Vec<_> = prefixes.collect();
     for fault in CATALOGUE {
-        let failure = prefixes.iter().find_map(|(script, prefix)| prefix.resume(&fault.apply(script)).invalid_output);
-        checks.push(Check::property(format!("outputs are valid under {}", fault.name), failure));
+        budget.check_property(&mut checks, format!("outputs are valid under {}", fault.name), || {
+            let mut prefixes = budget.cases(&prefixes);
+            prefixes.find_map(|(script, prefix)| prefix.resume(&fault.apply(script)).invalid_output)
+        });
     }
     let mut without_start = S1.clone();
     without_start.ticks.drain(..300);
@@ -36,17 +42,23 @@ pub(crate) fn checks<L: SlotSpec, S: SlotStage<L>>(make: &impl Fn() -> S) -> Vec
         script.ticks.iter_mut().take(500).for_each(clear);
         first_invalid_output::<L, S>(&mut make(), &script)
     };
-    let late_start = late(|tick| tick.rate_rad_s = None)
-        .or_else(|| late(|tick| tick.force_m_s2 = None))
-        .or_else(|| late(|tick| (tick.rate_rad_s, tick.force_m_s2) = (None, None)))
-        .or_else(|| late(|tick| tick.dt_s = 0.0));
-    checks.push(Check::property("outputs are valid if a sensor or the clock starts late", late_start));
-    checks.push(Check::property("outputs are valid for extreme numbers", check_extreme_numbers::<L, S>(make)));
+    let starts: [fn(&mut Tick); 4] = [
+        |tick| tick.rate_rad_s = None,
+        |tick| tick.force_m_s2 = None,
+        |tick| (tick.rate_rad_s, tick.force_m_s2) = (None, None),
+        |tick| tick.dt_s = 0.0,
+    ];
+    budget.check_property(&mut checks, "outputs are valid if a sensor or the clock starts late", || {
+        budget.cases(starts).find_map(late)
+    });
+    budget.check_property(&mut checks, "outputs are valid for extreme numbers", || {
+        check_extreme_numbers::<L, S>(make, budget)
+    });
     checks
 }
 
 /// Sets each quantity to each extreme number for ten ticks of an otherwise fault-free run.
-fn check_extreme_numbers<L: SlotSpec, S: SlotStage<L>>(make: &impl Fn() -> S) -> Option<String> {
+fn check_extreme_numbers<L: SlotSpec, S: SlotStage<L>>(make: &impl Fn() -> S, budget: &Budget<'_>) -> Option<String> {
     let base = Script { name: "fault-free".into(), ticks: S1.ticks[..1500].to_vec() };
     let prefix = PrefixRun::<L, S>::new(make(), &base, 1000);
     let fix = S1.ticks[0].fix;
@@ -67,26 +79,21 @@ fn check_extreme_numbers<L: SlotSpec, S: SlotStage<L>>(make: &impl Fn() -> S) ->
             tick.fix = fix.map(|fix| Fix { velocity_m_s: vector, ..fix });
         }),
     ];
-    for (name, set) in setters {
-        for x in EXTREME_NUMBERS {
-            for dt_s in [0.01, 0.0, MAX_INTERVAL_S] {
-                let mut ticks = base.ticks.clone();
-                for tick in &mut ticks[1000..1010] {
-                    set(tick, x, fix);
-                    tick.dt_s = dt_s;
-                }
-                let script = Script { name: format!("{name} {x:e}, interval {dt_s} s"), ticks };
-                let run = prefix.resume(&script);
-                let rejected = || {
-                    let error = make().restore(&run.stage.snapshot()).err()?;
-                    Some(format!("{}: the snapshot after it is rejected: {error}", script.name))
-                };
-                let failure = run.invalid_output.clone().or_else(rejected);
-                if failure.is_some() {
-                    return failure;
-                }
-            }
+    let intervals_s = [0.01, 0.0, MAX_INTERVAL_S];
+    let numbers = intervals_s.into_iter().flat_map(|dt_s| EXTREME_NUMBERS.map(|x| (x, dt_s)));
+    let cases = numbers.flat_map(|(x, dt_s)| setters.map(|(name, set)| (name, set, x, dt_s)));
+    budget.cases(cases).find_map(|(name, set, x, dt_s)| {
+        let mut ticks = base.ticks.clone();
+        for tick in &mut ticks[1000..1010] {
+            set(tick, x, fix);
+            tick.dt_s = dt_s;
         }
-    }
-    None
+        let script = Script { name: format!("{name} {x:e}, interval {dt_s} s"), ticks };
+        let run = prefix.resume(&script);
+        let rejected = || {
+            let error = make().restore(&run.stage.snapshot()).err()?;
+            Some(format!("{}: the snapshot after it is rejected: {error}", script.name))
+        };
+        run.invalid_output.clone().or_else(rejected)
+    })
 }

@@ -1,4 +1,4 @@
-"""Results of `plumb score` as numpy arrays: per-tick tables (`--csv DIR`) and scores (`--json`). Requires only numpy.
+"""Results of `plumb score` as numpy arrays: per-tick tables (`--csv DIR`) and scores (`--json`). Requires only numpy; `to_pandas` requires pandas.
 
 Input: a table, the standard output of `plumb score`, or recordings and simulations to score.
 Output: arrays with one element per tick in the units of their names; errors in degrees; unknown values are `nan`.
@@ -13,10 +13,14 @@ import math
 import subprocess
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Mapping, Sequence
+from types import ModuleType
+from typing import TYPE_CHECKING, Any, Mapping, Sequence
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+
+if TYPE_CHECKING:
+    import pandas
 
 Array = NDArray[Any]
 
@@ -32,6 +36,14 @@ MAX_PITCH_RAD = math.radians(89.0)
 
 class ScoreError(ValueError):
     """Input that `plumb score` did not write, or a run that failed."""
+
+
+def _pandas() -> ModuleType:
+    try:
+        import pandas
+    except ImportError as cause:
+        raise ScoreError(f"no DataFrame without pandas: {cause}; install it with `pip install pandas`") from cause
+    return pandas
 
 
 def wrapped_deg(angle_rad: ArrayLike) -> Array:
@@ -56,6 +68,10 @@ class Table:
         if name not in self.columns:
             raise ScoreError(f"no column {name}; available: {', '.join(self.columns)}")
         return self.columns[name]
+
+    def to_pandas(self) -> pandas.DataFrame:
+        """Returns the columns as a DataFrame with one row per tick, indexed by `t_s`."""
+        return _pandas().DataFrame(self.columns).set_index("t_s")
 
     @property
     def scored(self) -> Array:
@@ -173,6 +189,11 @@ class Run:
         if fuser not in fusers:
             raise ScoreError(f"no fuser {fuser} in this run; available: {', '.join(fusers)}")
         return self.scores["stages"][fusers.index(fuser)]
+
+    def to_pandas(self) -> pandas.DataFrame:
+        """Returns the scores as a DataFrame with one row per fuser and trial, indexed by both."""
+        frame = _pandas().json_normalize(self.scores["stages"], "trials", "fuser")
+        return frame.rename(columns={"name": "trial"}).set_index(["fuser", "trial"])
 
     def table(self, fuser: str, trial: str = "*") -> Table:
         """Returns the table of a fuser. With several trials, `trial` is the file name without `.csv`."""

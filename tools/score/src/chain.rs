@@ -8,7 +8,7 @@ use attitude::{
     parameters::{Parameter, ParameterError},
     stage::Stage,
 };
-use host::AnyStage;
+use host::{AnyStage, HostableStage};
 use launch::{Launch, Slot};
 use runtime::{RuntimeError, stage::build_stage};
 
@@ -40,11 +40,17 @@ impl StageChain {
         })
     }
 
-    /// Returns `true` if every timed stage runs in this process, so that no external program is
-    /// timed.
+    /// Returns `true` if every timed stage runs in this process.
     pub(crate) fn are_in_process(&self) -> bool {
         let Self { gyro, accel, fuser, course: _ } = self;
         matches!((gyro, accel, fuser), (AnyStage::BuiltIn(_), AnyStage::BuiltIn(_), AnyStage::BuiltIn(_)))
+    }
+
+    /// Returns the CPU time so far of the programs of the timed stages, ns. Returns `None` if it is
+    /// unknown.
+    pub(crate) fn program_cpu_ns(&self) -> Option<f64> {
+        let Self { gyro, accel, fuser, course: _ } = self;
+        Some(program_cpu_ns(gyro)? + program_cpu_ns(accel)? + program_cpu_ns(fuser)?)
     }
 
     /// Sets a parameter of the stage in `slot`.
@@ -65,5 +71,13 @@ impl StageChain {
             (Slot::Fuser, self.fuser.name(), self.fuser.parameters()),
             (Slot::Course, self.course.name(), self.course.parameters()),
         ]
+    }
+}
+
+/// Returns the CPU time of the program of a stage, ns; 0 for a built-in stage.
+fn program_cpu_ns<B: HostableStage>(stage: &AnyStage<B>) -> Option<f64> {
+    match stage {
+        AnyStage::BuiltIn(_) => Some(0.0),
+        AnyStage::Hosted(program) => program.cpu_ns(),
     }
 }

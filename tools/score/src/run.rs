@@ -18,6 +18,7 @@ use std::{
 
 use judge::{Diagnosis, InputCheck, TimestampCheck};
 use launch::{Launch, pluralize};
+use messages::Flags;
 use pipeline::is_same_file;
 use rayon::prelude::*;
 use runtime::ServiceConfig;
@@ -285,7 +286,7 @@ fn run_trial(
     let (mut input_check, mut timestamp_check, mut findings) =
         (InputCheck::default(), TimestampCheck::default(), Vec::new());
     let mut steps = Vec::new();
-    let (mut reported, mut ticks, mut scored_ticks) = (0, 0, 0);
+    let (mut reported, mut ticks, mut scored_ticks, mut ticks_without_rate) = (0, 0, 0, 0);
     for (count, reading) in (0u64..).zip(trial.readings()?) {
         let reading = reading?;
         if count.is_multiple_of(PROGRESS_ROWS) {
@@ -299,6 +300,7 @@ fn run_trial(
             steps.push(StageInput::new(&sample));
         }
         ticks += 1;
+        ticks_without_rate += u64::from(sample.imu.header.flags.any(Flags::RATE_INVALID));
         scored_ticks += u64::from(sample.reference.is_some_and(|truth| truth.scored));
         let truth = truth(&sample, gyro_bias.as_ref().map(|bias| bias(reading.t_ns)));
         for chain_run in &mut chain_runs {
@@ -319,6 +321,7 @@ fn run_trial(
         trial.has_reference && chain_runs.iter().all(|chain_run| chain_run.collector.accuracy().count() == 0);
     let warnings = rejection_warning(conditioner.rejected(), &timestamp_check)
         .into_iter()
+        .chain(missing_rate_warning(ticks_without_rate, ticks))
         .chain(findings.iter().map(Diagnosis::to_string));
     let no_score_reason = if trial.name.raw().starts_with("sim:") { SIMULATION_TOO_SHORT } else { NO_SCORED_REFERENCE };
     let warnings = warnings.chain((nothing_scored && is_first).then(|| no_score_reason.into()));
@@ -424,6 +427,16 @@ const SIMULATION_TOO_SHORT: &str =
     "no sample is scored: the simulation ends before scoring starts; set a longer duration_s";
 /// Warning about a recording in which no scored sample has a reference.
 const NO_SCORED_REFERENCE: &str = "no sample is scored: no sample with mov = 1 has a reference; check that --reference uses the clock of the recording";
+
+/// Returns a warning if most samples lack a valid rate.
+fn missing_rate_warning(without_rate: u64, ticks: u64) -> Option<String> {
+    (without_rate > ticks / 2).then(|| {
+        format!(
+            "{without_rate} of {} have no valid angular rate, so the errors do not describe the stages; check the columns gx,gy,gz",
+            pluralize(ticks, "sample")
+        )
+    })
+}
 
 /// Returns a warning if readings were rejected or timestamps do not increase.
 fn rejection_warning(rejected: u64, check: &TimestampCheck) -> Option<String> {

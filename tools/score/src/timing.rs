@@ -5,8 +5,8 @@
 //! Output: the time from a sample to the fused attitude, which is one step each of gyro, accel and
 //! fuser.
 //!
-//! Time: CPU time of the current thread over complete passes. It excludes other load on the
-//! machine, although that load still affects the caches.
+//! Time: CPU time of the current thread over complete passes, and of the programs of external
+//! stages. It excludes other load on the machine, although that load still affects the caches.
 //!
 //! The compared chains are timed alternately, so that a slow phase of the machine affects all of
 //! them. Each round yields a mean time per update; the result is the median of these means.
@@ -29,6 +29,8 @@ use crate::chain::StageChain;
 
 /// Maximum number of samples at the start of a trial that are kept in memory for timing.
 pub const MAX_SAMPLES: usize = 30_000;
+/// Maximum number of samples for timing a chain with an external program, which may be slow.
+const MAX_PROGRAM_SAMPLES: usize = 1_000;
 /// Number of passes over the samples per chain.
 const ROUNDS: usize = 7;
 
@@ -62,27 +64,23 @@ impl StageInput {
 
 /// Returns the time per update of each chain in `compared`, ns.
 ///
-/// A time is `None` if there are no samples, or if a stage is an external program, because the
-/// thread's CPU time does not include the CPU time of the program.
+/// A time is `None` if there are no samples, or if the kernel does not report the CPU time of an
+/// external program.
 pub fn ns_per_update(steps: &[StageInput], compared: &[StageChain]) -> Vec<Option<f64>> {
     let mut rounds_ns = vec![[f64::NAN; ROUNDS]; compared.len()];
     for round in 0..ROUNDS {
-        let timed = compared.iter().zip(&mut rounds_ns).filter(|(stages, _)| stages.are_in_process());
-        for (stages, rounds_ns) in timed {
-            rounds_ns[round] = mean_ns_per_step(steps, stages.clone());
+        for (stages, rounds_ns) in compared.iter().zip(&mut rounds_ns) {
+            let limit = if stages.are_in_process() { MAX_SAMPLES } else { MAX_PROGRAM_SAMPLES };
+            let steps = steps.get(..limit).unwrap_or(steps);
+            rounds_ns[round] = mean_ns_per_step(steps, stages.clone()).unwrap_or(f64::NAN);
         }
     }
-    let in_process = compared.iter().map(StageChain::are_in_process);
-    rounds_ns
-        .into_iter()
-        .zip(in_process)
-        .map(|(rounds_ns, timed)| if timed { median(rounds_ns) } else { f64::NAN })
-        .map(|ns| ns.is_finite().then_some(ns))
-        .collect()
+    rounds_ns.into_iter().map(median).map(|ns| ns.is_finite().then_some(ns)).collect()
 }
 
-fn mean_ns_per_step(steps: &[StageInput], mut stages: StageChain) -> f64 {
-    let start_ns = cpu_ns();
+/// Returns the CPU time per step of this thread and of the programs of external stages, ns.
+fn mean_ns_per_step(steps: &[StageInput], mut stages: StageChain) -> Option<f64> {
+    let start_ns = cpu_ns() + stages.program_cpu_ns()?;
     for step in steps {
         let motion = stages.gyro.step(&step.rate);
         let inclination = stages.accel.step(&step.force_m_s2);
@@ -96,7 +94,7 @@ fn mean_ns_per_step(steps: &[StageInput], mut stages: StageChain) -> f64 {
         });
         black_box(fused);
     }
-    (cpu_ns() - start_ns) / steps.len() as f64
+    Some((cpu_ns() + stages.program_cpu_ns()? - start_ns) / steps.len() as f64)
 }
 
 /// Returns the CPU time of the current thread, ns.

@@ -197,7 +197,14 @@ fn mounting_level_and_nose_down_pose_match_truth() {
         // Rotation from sensor to body.
         let mounting = exp(noise.direction() * (3.1 * noise.unit()));
         let level = exp(Vector3::z() * noise.within(3.0));
-        let nose_down = level * exp(Vector3::x() * -(0.5 + 0.8 * noise.unit()));
+        let angle_rad = 0.5 + 0.8 * noise.unit();
+        // A nose-down pose with an axis of the unit near the vertical is refused if the level pose
+        // has none.
+        let nose_down = [angle_rad, angle_rad + 0.4]
+            .map(|angle_rad| level * exp(Vector3::x() * -angle_rad))
+            .into_iter()
+            .find(|pose| rotated((pose * mounting).conjugate(), Vector3::z()).amax() < 10f64.to_radians().cos())
+            .unwrap();
         let poses = [level * mounting, nose_down * mounting];
         let report = calibrate_raw(Kind::Mounting, &Unit::new(Errors::NONE, seed).readings_in_poses(&poses, 4.0, 1.5));
         let [w, x, y, z] = report.values[0].value.clone().try_into().unwrap();
@@ -208,6 +215,21 @@ fn mounting_level_and_nose_down_pose_match_truth() {
         assert!(deviation.amax() < 0.5, "{deviation} {report}");
     }
     errors.assert_consistent("mounting");
+}
+
+#[test]
+fn mounting_accepts_poses_before_and_after_the_two() {
+    let (level, tilted) = (exp(Vector3::zeros()), exp(Vector3::x() * 0.12));
+    let nose_down = exp(Vector3::x() * -0.8);
+    for (poses, order) in [
+        (&[nose_down, level, nose_down][..], "nose down first"),
+        (&[tilted, tilted, tilted, level, nose_down], "levelled after a long rest"),
+        (&[level, nose_down, level, level, level], "back to level for longer"),
+    ] {
+        let report = calibrate_raw(Kind::Mounting, &Unit::new(Errors::NONE, 7).readings_in_poses(poses, 3.0, 1.0));
+        let angle_deg = 2.0 * report.values[0].value[0].clamp(-1.0, 1.0).acos().to_degrees();
+        assert!(angle_deg < 0.5, "{order}: {report}");
+    }
 }
 
 #[test]

@@ -1,0 +1,40 @@
+//! Times of the steps of a walk: the first commands of a maker, a researcher or an integrator.
+
+use std::{
+    io::{self, Write as _},
+    time::Instant,
+};
+
+/// Prints each step with its duration to standard error, past the capture of the test harness, and
+/// the duration of the walk at its end.
+pub(crate) struct Walk {
+    name: String,
+    started: Instant,
+    step_started: Instant,
+    steps: u32,
+}
+
+impl Walk {
+    pub(crate) fn start(name: impl Into<String>) -> Self {
+        let now = Instant::now();
+        Self { name: name.into(), started: now, step_started: now, steps: 0 }
+    }
+
+    /// Ends a step.
+    pub(crate) fn step(&mut self, what: &str) {
+        self.print(&format!("{what}, {:.1} s", self.step_started.elapsed().as_secs_f64()));
+        self.step_started = Instant::now();
+        self.steps += 1;
+    }
+
+    fn print(&self, line: &str) {
+        // A closed standard error does not make a test fail.
+        let _ = writeln!(io::stderr(), "walk {}: {line}", self.name);
+    }
+}
+
+impl Drop for Walk {
+    fn drop(&mut self) {
+        self.print(&format!("{} steps in {:.2} min", self.steps, self.started.elapsed().as_secs_f64() / 60.0));
+    }
+}
