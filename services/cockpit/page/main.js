@@ -1,6 +1,6 @@
 // Entry point of the page: connection, views, status bar and keyboard.
 
-import { Data } from "./data.js";
+import { Data, valueIndex } from "./data.js";
 import { Fleet } from "./fleet.js";
 import { Fly } from "./fly.js";
 import { element, setTheme, store, stored, write } from "./ui.js";
@@ -313,5 +313,5 @@ async function start() {
 }
 
 /** State of the page, for tests. */
-Object.assign(window, { plumb: { data, frameCosts, frames: () => frames, state: () => data.state(performance.now()), drawn: () => view?.drawn, timeline: () => timeline.drawn, strips: () => view?.strips?.drawn, view: () => viewName, seek, fallbackReason: () => view?.scene?.fallbackReason } });
+Object.assign(window, { plumb: { data, valueIndex, frameCosts, frames: () => frames, state: () => data.state(performance.now()), drawn: () => view?.drawn, timeline: () => timeline.drawn, strips: () => view?.strips?.drawn, view: () => viewName, seek, fallbackReason: () => view?.scene?.fallbackReason } });
 void start();

@@ -12,6 +12,7 @@ export class Parameters {
     this.note = element("p", "c-quiet");
     this.rows = element("tbody", "");
     this.table = table("parameters", [["parameter", ""], ["value", ""], ["unit", ""], ["default", "number"], ["range", "number"]], this.rows);
+    this.table.hidden = true;
     parent.append(this.title, this.note, this.table);
     /** Parameters shown, each with its field. @type {{ name: string, standard: number | null, field: HTMLInputElement }[]} */ this.fields = [];
     /** Values of the running stage; null if unknown or another stage is shown. @type {Setting[] | null} */ this.running = null;
