@@ -26,7 +26,7 @@ Examples:
   plumb info flight.ulg
   plumb info walk_imu.csv.gz --json
 
-Exit codes: 0 complete, 1 truncated, 3 unreadable.")]
+Exit codes: 0 complete, 1 truncated, 2 wrong options, 3 unreadable.")]
 pub(crate) struct Info {
     /// Flight (MCAP), recording (CSV, CSV.gz) or log of another system
     file: PathBuf,
@@ -110,7 +110,13 @@ pub(crate) fn run(Info { file, json, reading, sensors }: &Info) -> ExitCode {
             _ => show(&read_foreign_log(file, reading, *sensors)?, *json),
         })
     };
-    read().unwrap_or_else(|error| fail(&error, 3))
+    read().unwrap_or_else(|error| {
+        let code = match &error {
+            InfoError::Import(error) => error.exit_code(),
+            InfoError::Flight(_) | InfoError::Recording(_) => 3,
+        };
+        fail(&error, code)
+    })
 }
 
 fn show<T: Serialize + fmt::Display>(info: &T, json: bool) -> ExitCode {
