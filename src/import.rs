@@ -7,8 +7,8 @@ use std::{
 
 use clap::Args;
 use import::{
-    Format, ImportError, Mapping, MappingError, Options, Summary, Table, convert, convert_table, mcap_file::to_mcap,
-    note_fixes_outside, plain_recording_range_ns,
+    Format, ImportError, Mapping, MappingError, Options, Segment, Summary, Table, convert, convert_table,
+    mcap_file::to_mcap, note_fixes_outside, plain_recording_range_ns,
 };
 use recording::{RecordingError, References};
 use tempfile::TempDir;
@@ -18,6 +18,9 @@ use crate::{
     notice::{notice, progress_bar},
     stdout::print,
 };
+
+/// Number of samples from which on a segment has a time interval.
+const MIN_SEGMENT_SAMPLES: u64 = 2;
 
 /// Arguments of `plumb import`.
 #[derive(Args)]
@@ -172,6 +175,8 @@ pub(crate) struct ReadableFile {
     pub(crate) path: PathBuf,
     /// Path of the file that the user named.
     user_path: PathBuf,
+    /// Format of that file.
+    format: Format,
     /// Warning that is printed at the end of the run.
     warning: Option<String>,
     _folder: Option<TempDir>,
@@ -183,36 +188,43 @@ impl ReadableFile {
         Ok(Self::open_announced(path, reading, sensors)?.0)
     }
 
-    /// Opens all segments of a recording, or the chosen one.
+    /// Opens all segments of a recording that have a time interval, or the chosen one.
     pub(crate) fn open_segments(
         path: &Path,
         reading: &ReadOptions,
         sensors: SensorNumbers,
     ) -> Result<Vec<Self>, ImportError> {
         let (first, segments) = Self::open_announced(path, reading, sensors)?;
-        if segments < 2 || reading.segment.is_some() {
+        if segments.len() < 2 || reading.segment.is_some() {
             return Ok(vec![first]);
         }
+        let numbered = || (1..).zip(&segments);
+        for (number, segment) in numbered().filter(|(_, segment)| segment.samples < MIN_SEGMENT_SAMPLES) {
+            let samples = launch::pluralize(segment.samples, "sample");
+            announce_warning(&format!("{}: left out segment {number}, which has {samples}", foreign::path(path)));
+        }
+        let long = numbered().filter(|(_, segment)| segment.samples >= MIN_SEGMENT_SAMPLES);
         let segment = |number| {
             let options = reading.with_segment(number).options(sensors)?;
             Ok(Self::import(&[path.into()], &options)?.0)
         };
-        (1..=segments).map(segment).collect()
+        long.map(|(number, _)| segment(number)).collect()
     }
 
-    /// Opens a recording. Also returns the number of segments if it was imported.
+    /// Opens a recording. Also returns the segments if it was imported.
     fn open_announced(
         path: &Path,
         reading: &ReadOptions,
         sensors: SensorNumbers,
-    ) -> Result<(Self, usize), ImportError> {
+    ) -> Result<(Self, Vec<Segment>), ImportError> {
         let options = reading.options(sensors)?;
         if options == Options::default() && is_read_unchanged(path)? {
-            return Ok((Self { path: path.into(), user_path: path.into(), warning: None, _folder: None }, 1));
+            let (user_path, format) = (path.into(), Format::Recording);
+            return Ok((Self { path: path.into(), user_path, format, warning: None, _folder: None }, vec![]));
         }
         let (readable, summary) = Self::import(&[path.into()], &options)?;
         notice(summary_text(&summary, path));
-        Ok((readable, summary.segments.len()))
+        Ok((readable, summary.segments))
     }
 
     /// Imports a foreign log, which may consist of several tables. Also returns the summary.
@@ -239,7 +251,13 @@ impl ReadableFile {
             summary.notes.extend(outside.flatten());
         }
         let warning = summary.warning();
-        Ok((Self { path: imported, user_path: first.to_owned(), warning, _folder: Some(folder) }, summary))
+        let (user_path, format) = (first.to_owned(), summary.format);
+        Ok((Self { path: imported, user_path, format, warning, _folder: Some(folder) }, summary))
+    }
+
+    /// Returns `true` if the format of the file defines its axes, so that `--frame` does not apply.
+    pub(crate) fn has_own_axes(&self) -> bool {
+        !self.format.is_text() && !self.format.has_topics()
     }
 
     /// Replaces the path of a temporary file in a message with that of the user's file.

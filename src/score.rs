@@ -219,8 +219,13 @@ pub(crate) fn run(score: Score) -> ExitCode {
         TrialFile::Recording(readable) => readable.path.to_string_lossy().into_owned(),
         TrialFile::Simulation(name) => name.clone(),
     });
+    let with_axes = readable.iter().filter_map(|trial| match trial {
+        TrialFile::Recording(readable) => readable.has_own_axes().then(|| readable.path.to_string_lossy().into_owned()),
+        TrialFile::Simulation(_) => None,
+    });
     let request = Request {
         files: names.collect(),
+        files_with_axes: with_axes.collect(),
         options: TrialOptions {
             gnss: match gnss {
                 GnssChoice::Fixes(gnss) => fixes_table.as_ref().map_or(gnss, |table| Gnss::File(table.path.clone())),

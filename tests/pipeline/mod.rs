@@ -12,6 +12,7 @@ mod import;
 mod notebook;
 mod output;
 mod python_sensor;
+mod remedies;
 mod replay;
 mod reports;
 mod score;

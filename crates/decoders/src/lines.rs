@@ -4,8 +4,8 @@
 //! A [`Mapping`] assigns columns, units and axes, with the same syntax as `plumb import`. Column
 //! names come from the settings or from a line of the stream that contains all mapped names. Such a
 //! header may appear at the start or later, also as a comment. The `t_s` column of a recording is a
-//! time in s. Units in the names, such as `gyro_x (deg/s)`, apply unless the settings name others.
-//! A line with contradictory or missing units is ignored.
+//! time in s. Units in the names, such as `gyro_x (deg/s)`, or in the line after the names apply
+//! unless the settings name others. A line with contradictory or missing units is ignored.
 //!
 //! A line ends with a newline, a carriage return or both. The rules for comments, separators,
 //! numbers and times are those of files ([`mapping::text`]). Blank lines and comments are counted
@@ -31,6 +31,7 @@
 use mapping::{
     FIELD, FORCE, HeaderError, Mapping, POSITION, RATE,
     names::nearest,
+    names_with_units,
     text::{self, DAY_NS, Dialect, Line, Separator, Time},
 };
 
@@ -58,6 +59,8 @@ pub struct Lines {
     dialect: Option<Dialect>,
     /// `true` if a line names the columns but not their units. Rows are then not read by position.
     lacks_units: bool,
+    /// Last line that is not a row. The next one may hold its units.
+    last_names: Option<String>,
     /// `true` if the next byte starts a line.
     is_synchronised: bool,
     last_fix: Option<[u64; 6]>,
@@ -118,6 +121,7 @@ impl Lines {
             indices: None,
             dialect: None,
             lacks_units: false,
+            last_names: None,
             is_synchronised: settings.starts_at_line_start,
             last_fix: None,
         };
@@ -190,18 +194,28 @@ impl Lines {
             match self.set_columns(&separator.fields(line)) {
                 Ok(()) => {
                     self.dialect = Some(Dialect::new(separator));
+                    self.last_names = Some(line.to_owned());
                     return true;
                 }
                 Err(error) => self.lacks_units |= matches!(error, LinesError::Units(_)),
             }
         }
-        false
+        let Some(names) = self.last_names.replace(line.to_owned()) else { return false };
+        Separator::ALL.into_iter().any(|separator| {
+            let joined = names_with_units(&separator.fields(&names), &separator.fields(line));
+            let names: Vec<_> = joined.iter().flatten().map(String::as_str).collect();
+            let is_found = !names.is_empty() && self.set_columns(&names).is_ok();
+            if is_found {
+                self.dialect = Some(Dialect::new(separator));
+            }
+            is_found
+        })
     }
 
     /// Returns the dialect of a row with `count` fields. The separator is that of the column names,
     /// or another one that yields `count` fields.
     fn dialect_of(&self, line: &str, count: usize) -> Option<Dialect> {
-        let fits = |separator: Separator| separator.fields(line).len() == count;
+        let fits = |separator: Separator| separator.row_fields(line, count).len() == count;
         self.dialect
             .filter(|dialect| fits(dialect.separator))
             .or_else(|| Separator::ALL.into_iter().find(|separator| fits(*separator)).map(Dialect::new))
@@ -210,7 +224,7 @@ impl Lines {
     fn parse_row(&mut self, line: &str, measurements: &mut Vec<Measurement>) -> Option<()> {
         let indices = self.indices.as_ref()?;
         let dialect = self.dialect_of(line, indices.count)?;
-        let fields = dialect.separator.fields(line);
+        let fields = dialect.separator.row_fields(line, indices.count);
         let mut row = Row { fields: &fields, dialect };
         let time = match indices.time {
             Some(index) => self.device_time(row.time(index, &self.mapping)?)?,

@@ -19,6 +19,21 @@ pub fn wrap_ns(period_ns: Option<i64>, last_ns: i64, t_ns: i64) -> Option<i64> {
     })
 }
 
+/// Periods of narrower counters, ns: 16 bits of ms, 24 and 31 bits of µs, 31 bits of ms, and 32
+/// bits of ns. They are short enough for a restart to look like a wrap unless its step is compared.
+const NARROW_PERIODS_NS: [i64; 5] =
+    [(1 << 16) * 1_000_000, (1 << 24) * 1_000, (1 << 31) * 1_000, (1 << 31) * 1_000_000, 1 << 32];
+
+/// Returns the period of a narrow counter if it has wrapped between `last_ns` and the earlier
+/// `t_ns`: the step across the wrap is about the one before it, `interval_ns`.
+pub fn narrow_period_ns(interval_ns: i64, last_ns: i64, t_ns: i64) -> Option<i64> {
+    NARROW_PERIODS_NS.into_iter().find(|period_ns| {
+        let steps_ns = interval_ns.saturating_add(1) / 2..=interval_ns.saturating_mul(2);
+        let is_in_period = t_ns >= 0 && t_ns < last_ns && last_ns < *period_ns;
+        is_in_period && interval_ns > 0 && steps_ns.contains(&(t_ns + period_ns - last_ns))
+    })
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -32,5 +47,12 @@ mod tests {
         assert_eq!(wrap_ns(None, 10, 5), None, "out of order");
         assert_eq!(wrap_ns(Some(1000), 900, 100), Some(1000));
         assert_eq!(wrap_ns(Some(1000), 900, 800), None, "out of order");
+        let narrow = 65_536_000_000;
+        let step = 10_000_000;
+        assert_eq!(narrow_period_ns(step, narrow - 4_000_000, 6_000_000), Some(narrow));
+        assert_eq!(narrow_period_ns(step, narrow - 4_000_000, 60_000_000), None, "a restart");
+        assert_eq!(narrow_period_ns(step, narrow - 90_000_000, 6_000_000), None, "a restart");
+        assert_eq!(narrow_period_ns(step, 20_000_000, 10_000_000), None, "out of order");
+        assert_eq!(narrow_period_ns(0, narrow, 0), None, "unknown interval");
     }
 }

@@ -58,6 +58,10 @@ const UNIT_SPELLINGS: [(&str, &[&str]); 17] = [
     ("ns", &["ns", "nsec", "nsecs", "nanos", "nanosecond", "nanoseconds"]),
 ];
 
+/// Units of quantities that are not read, without the characters that [`plain_unit`] drops.
+const OTHER_UNITS: [&str; 14] =
+    ["deg", "rad", "degc", "c", "k", "pa", "hpa", "kpa", "mbar", "v", "mv", "m", "hz", "nounits"];
+
 /// Column name that names a quantity.
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) struct HeaderName {
@@ -93,6 +97,23 @@ pub(crate) fn units(target: &str, name: &str) -> Vec<&'static str> {
         Some(parsed) if parsed.target == target => parsed.units,
         _ => bracketed(name).and_then(|text| unit_of_target(target, text)).into_iter().collect(),
     }
+}
+
+/// Returns the column names with the units of the following line, such as `wx [rad/s]`. Returns
+/// `None` unless each field of that line is a unit, or blank.
+pub fn names_with_units(names: &[&str], units: &[&str]) -> Option<Vec<String>> {
+    let is_unit = |text: &str| {
+        let text = plain_unit(text);
+        let is_known = UNIT_SPELLINGS.iter().any(|(_, spellings)| spellings.contains(&text.as_str()));
+        is_known || OTHER_UNITS.contains(&text.as_str())
+    };
+    let is_blank = |text: &str| plain_unit(text).is_empty();
+    let is_units = units.iter().all(|text| is_blank(text) || is_unit(text)) && units.iter().any(|text| is_unit(text));
+    let with_unit = |(name, unit): (&&str, &&str)| {
+        let unit = unit.trim_matches(['[', ']', '(', ')']);
+        if is_blank(unit) { (*name).to_owned() } else { format!("{name} [{unit}]") }
+    };
+    (is_units && names.len() == units.len()).then(|| names.iter().zip(units).map(with_unit).collect())
 }
 
 /// Returns the text in brackets at the end of a column name: `rad/s` for `wx [rad/s]`.
@@ -220,6 +241,13 @@ mod tests {
             assert_eq!(parse(name), None, "{name}");
         }
         assert_eq!(units("gx", "p [deg/s]"), ["deg/s"]);
+        let names = ["id", "wx", "fx"];
+        let joined = names_with_units(&names, &["", "[rad/s]", "m/s²"]);
+        assert_eq!(joined, Some(vec!["id".into(), "wx [rad/s]".into(), "fx [m/s²]".into()]));
+        for line in [["", "", ""], ["1", "rad/s", "g"], ["a", "b", "c"]] {
+            assert_eq!(names_with_units(&names, &line), None, "{line:?}");
+        }
+        assert_eq!(names_with_units(&names, &["rad/s", "g"]), None);
         assert_eq!(units("gx", "p [m/s2]"), [""; 0]);
     }
 }

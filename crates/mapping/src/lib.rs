@@ -29,7 +29,7 @@ mod rotation;
 pub mod text;
 mod units;
 
-pub use header::HeaderError;
+pub use header::{HeaderError, names_with_units};
 pub use mapping::{Mapping, MappingError, POSITION, REFERENCE, SCORED, Units};
 pub use rotation::is_rotation;
 pub use units::{FIELD, FORCE, RATE, unit_of_earth_field};

@@ -29,9 +29,9 @@ pub enum Separator {
 impl Separator {
     /// Separators in order of preference.
     ///
-    /// Tabs and semicolons come first because they rarely occur in names, and because a comma in a
-    /// text with one of these separators is a decimal comma.
-    pub const ALL: [Self; 4] = [Self::Char(b'\t'), Self::Char(b';'), Self::Char(b','), Self::Blanks];
+    /// Tabs, semicolons and bars come first because they rarely occur in names, and because a comma
+    /// in a text with one of these separators is a decimal comma.
+    pub const ALL: [Self; 5] = [Self::Char(b'\t'), Self::Char(b';'), Self::Char(b'|'), Self::Char(b','), Self::Blanks];
 
     /// Returns the fields of a line, without surrounding blanks and quotes.
     ///
@@ -51,6 +51,16 @@ impl Separator {
             part.strip_prefix('"').and_then(|part| part.strip_suffix('"')).map_or(part, str::trim_ascii)
         });
         unquoted.filter(|part| self != Self::Blanks || !part.is_empty()).collect()
+    }
+
+    /// Returns the fields of a row with `count` columns. A separator at the end of the line ends
+    /// the last field.
+    pub fn row_fields(self, line: &str, count: usize) -> Vec<&str> {
+        let mut fields = self.fields(line);
+        if fields.len() == count + 1 && fields.last().is_some_and(|last| last.is_empty()) {
+            fields.pop();
+        }
+        fields
     }
 
     /// Returns the separator of a line: the first that occurs in it, else blanks.
@@ -154,6 +164,8 @@ pub enum Expected {
     },
     /// A time within the limit.
     Time,
+    /// A number, a time of day or a date.
+    TimeText,
 }
 
 impl Dialect {
@@ -188,7 +200,13 @@ impl Dialect {
         if let Some(t_ns) = time_of_day_ns(&point) {
             return Ok(Some(Time::OfDay(t_ns)));
         }
-        time_ns(&self.decimal(field)?, digits).map(|t_ns| Some(Time::Count(t_ns))).ok_or(Expected::Time)
+        let decimal = self.decimal(field).map_err(|expected| match expected {
+            Expected::Number => Expected::TimeText,
+            expected => expected,
+        })?;
+        let is_number = decimal.parse::<f64>().is_ok();
+        let expected = if is_number { Expected::Time } else { Expected::TimeText };
+        time_ns(&decimal, digits).map(|t_ns| Some(Time::Count(t_ns))).ok_or(expected)
     }
 
     /// Replaces a decimal comma with a point. All numbers of a text have the same decimal mark.
@@ -230,30 +248,38 @@ impl Time {
     }
 }
 
-/// Parses a time of day such as `13:05:00.020`.
+/// Parses a time of day such as `13:05:00.020`, `13:05:00:020` or `1:05:00.02 PM`.
 fn time_of_day_ns(text: &str) -> Option<i64> {
-    let mut parts = text.splitn(3, ':');
+    let text = text.trim_ascii_end();
+    let (text, half_day) = match text.len().checked_sub(2).and_then(|at| text.split_at_checked(at)) {
+        Some((clock, half)) if half.eq_ignore_ascii_case("am") => (clock, Some(0)),
+        Some((clock, half)) if half.eq_ignore_ascii_case("pm") => (clock, Some(12)),
+        _ => (text, None),
+    };
+    let mut parts = text.trim_ascii_end().splitn(3, ':');
     let [hours, minutes, seconds] = [parts.next()?, parts.next()?, parts.next()?];
     let digits = |text: &str, limit: i64| {
         let is_number = (1..=2).contains(&text.len()) && text.bytes().all(|byte| byte.is_ascii_digit());
         text.parse().ok().filter(|number: &i64| is_number && *number < limit)
     };
+    let hours = match (digits(hours, 24)?, half_day) {
+        (hours, None) => hours,
+        (hours @ 1..=12, Some(half_day)) => hours % 12 + half_day,
+        _ => return None,
+    };
     let is_positive = seconds.starts_with(|first: char| first.is_ascii_digit());
+    let seconds = seconds.replacen([':', ','], ".", 1);
     // A leap second is the 61st of its minute.
-    let seconds_ns = time_ns(seconds, 9).filter(|ns| is_positive && *ns < 61 * NS_PER_S)?;
-    Some((digits(hours, 24)? * 60 + digits(minutes, 60)?) * 60 * NS_PER_S + seconds_ns)
+    let seconds_ns = time_ns(&seconds, 9).filter(|ns| is_positive && *ns < 61 * NS_PER_S)?;
+    Some((hours * 60 + digits(minutes, 60)?) * 60 * NS_PER_S + seconds_ns)
 }
 
-/// Parses a date and time of ISO 8601, such as `2026-05-01T13:05:00.020Z` or
-/// `2026-05-01 15:05:00+02:00`. A time without an offset is taken as UTC.
+/// Parses a date and time of ISO 8601, such as `2026-05-01T13:05:00.020Z`,
+/// `2026-05-01 15:05:00+02:00` or `20260501T130500.02Z`, or a date such as `01.05.2026`. A time
+/// without an offset is taken as UTC.
 fn calendar_ns(text: &str) -> Option<i64> {
     let (date, time) = text.split_once(['T', 't', ' '])?;
-    let mut parts = date.splitn(3, ['-', '/']);
-    let mut number = |digits: usize| -> Option<i64> {
-        let text = parts.next()?;
-        (text.len() == digits && text.bytes().all(|byte| byte.is_ascii_digit())).then(|| text.parse().ok())?
-    };
-    let (year, month, day) = (number(4)?, number(2)?, number(2)?);
+    let (year, month, day) = date_parts(date)?;
     let month_days = [31, if is_leap_year(year) { 29 } else { 28 }, 31, 30, 31, 30, 31, 31, 30, 31, 30, 31];
     let days_of_month = *month_days.get(usize::try_from(month).ok()?.checked_sub(1)?)?;
     if !(1..=days_of_month).contains(&day) || year < 1970 {
@@ -270,8 +296,36 @@ fn calendar_ns(text: &str) -> Option<i64> {
     let leap_days = |year: i64| year / 4 - year / 100 + year / 400;
     let days = (year - 1970) * 365 + leap_days(year - 1) - leap_days(1969);
     let days = days + month_days.iter().take(usize::try_from(month).ok()? - 1).sum::<i64>() + day - 1;
-    let t_ns = days.checked_mul(DAY_NS)?.checked_add(time_of_day_ns(time.trim_ascii())?)?;
+    let t_ns = days.checked_mul(DAY_NS)?.checked_add(clock_ns(time.trim_ascii())?)?;
     t_ns.checked_sub(offset_ns).filter(|t_ns| i128::from(*t_ns) < TIME_LIMIT_S * i128::from(NS_PER_S))
+}
+
+/// Parses the year, month and day of a date: `2026-05-01`, `2026/05/01`, `20260501` or
+/// `01.05.2026`. The order of a date such as `05/01/2026` is ambiguous.
+fn date_parts(date: &str) -> Option<(i64, i64, i64)> {
+    let number = |text: &str, digits: usize| -> Option<i64> {
+        (text.len() == digits && text.bytes().all(|byte| byte.is_ascii_digit())).then(|| text.parse().ok())?
+    };
+    let parts: Vec<&str> = date.splitn(4, ['-', '/']).collect();
+    match (&parts[..], date.split('.').collect::<Vec<_>>().as_slice()) {
+        ([year, month, day], _) => Some((number(year, 4)?, number(month, 2)?, number(day, 2)?)),
+        (_, [day, month, year]) => Some((number(year, 4)?, number(month, 2)?, number(day, 2)?)),
+        _ => {
+            let digits = number(date, 8)?;
+            Some((digits / 10_000, digits / 100 % 100, digits % 100))
+        }
+    }
+}
+
+/// Parses the time of a date, with or without colons.
+fn clock_ns(time: &str) -> Option<i64> {
+    let (whole, fraction) = time.split_once(['.', ',']).unwrap_or((time, "0"));
+    match (whole.len(), whole.get(..2), whole.get(2..4), whole.get(4..)) {
+        (6, Some(hours), Some(minutes), Some(seconds)) => {
+            time_of_day_ns(&format!("{hours}:{minutes}:{seconds}.{fraction}"))
+        }
+        _ => time_of_day_ns(time),
+    }
 }
 
 /// Parses an offset from UTC, such as `+02:00`, `-0330` or `+02`.
@@ -352,13 +406,31 @@ mod tests {
             "2026-05-01T15:05:00.02+02:00",
             "2026-05-01T09:35:00.02-0330",
             "2026/05/01 13:05:00.020 Z",
+            "20260501T130500.020Z",
+            "01.05.2026 13:05:00,020",
+            "2026-05-01 01:05:00.020 PM",
         ] {
             assert_eq!(dialect.time(text, 9), Ok(Some(Time::Calendar(unix_ns))), "{text}");
         }
-        assert_eq!(dialect.time("13:05:00.020", 9), Ok(Some(Time::OfDay(47_100_020_000_000))));
-        for text in ["25:00:00", "1:2", "2026-02-29T00:00:00Z", "2026-13-01T00:00:00Z", "2026-05-01T", "12:-1:00"] {
-            assert_eq!(dialect.time(text, 9), Err(Expected::Time), "{text}");
+        for text in ["13:05:00.020", "13:05:00:020", "13:05:00,020", "1:05:00.02 pm", "01:05:00.020PM"] {
+            assert_eq!(dialect.time(text, 9), Ok(Some(Time::OfDay(47_100_020_000_000))), "{text}");
         }
+        assert_eq!(dialect.time("12:00:00 AM", 9), Ok(Some(Time::OfDay(0))));
+        for text in [
+            "25:00:00",
+            "1:2",
+            "2026-02-29T00:00:00Z",
+            "2026-13-01T00:00:00Z",
+            "2026-05-01T",
+            "12:-1:00",
+            "13:00:00 PM",
+            "05/01/2026 13:05:00",
+            "2026050T130500",
+            "1.2.3.4",
+        ] {
+            assert_eq!(dialect.time(text, 9), Err(Expected::TimeText), "{text}");
+        }
+        assert_eq!(dialect.time("1700000000000", 9), Err(Expected::Time));
         assert_eq!(calendar_ns("2024-02-29T23:59:60Z"), calendar_ns("2024-03-01T00:00:00Z"));
     }
 
@@ -368,6 +440,7 @@ mod tests {
             ("t,x,y", "0,1,2", Separator::Char(b','), 3),
             ("t x y", "0,5 1,5  2", Separator::Blanks, 3),
             ("t, s;x", "0,5;1,5", Separator::Char(b';'), 2),
+            ("t|x, y", "0,5|1,5", Separator::Char(b'|'), 2),
             ("t\tx", "0\t1", Separator::Char(b'\t'), 2),
             ("\"t, s\",x", "\"0,5\",1", Separator::Char(b','), 2),
         ] {
@@ -375,6 +448,8 @@ mod tests {
             assert_eq!(separator.fields(row).len(), count, "{row}");
         }
         assert_eq!(Separator::common(&["a,b", "a b c"]), None);
+        let comma = Separator::Char(b',');
+        assert_eq!([comma.row_fields("0,1,", 2), comma.row_fields("0,1,", 3)], [vec!["0", "1"], vec!["0", "1", ""]]);
     }
 
     #[test]

@@ -7,7 +7,7 @@ use driver::{
     clock_fit::{ClockFit, ClockHealth},
 };
 use launch::{Clock, DEFAULT_RATE_HZ, Stream};
-use mapping::counter::wrap_ns;
+use mapping::counter::{narrow_period_ns, wrap_ns};
 use messages::{ReceiverReading, SensorReading};
 
 /// Converted measurement.
@@ -39,6 +39,10 @@ pub(crate) struct ReadingConverter {
 struct DeviceClock {
     last_ns: Option<i64>,
     offset_ns: i64,
+    /// Step between the last two readings that went forward, ns.
+    interval_ns: i64,
+    /// Period of a narrow counter, found by the step across its wrap.
+    narrow_period_ns: Option<i64>,
 }
 
 impl DeviceClock {
@@ -46,6 +50,11 @@ impl DeviceClock {
     fn unwrapped_ns(&mut self, stamp: Stamp) -> i64 {
         let period_ns = stamp.period_ns.and_then(|period_ns| i64::try_from(period_ns).ok());
         let count_ns = stamp.count_ns.cast_signed();
+        if let (None, None, Some(last_ns)) = (period_ns, self.narrow_period_ns, self.last_ns) {
+            self.narrow_period_ns = narrow_period_ns(self.interval_ns, last_ns, count_ns);
+            self.interval_ns = if count_ns > last_ns { count_ns.saturating_sub(last_ns) } else { self.interval_ns };
+        }
+        let period_ns = period_ns.or(self.narrow_period_ns);
         let wrapped_ns = self.last_ns.and_then(|last_ns| wrap_ns(period_ns, last_ns, count_ns));
         self.offset_ns = self.offset_ns.saturating_add(wrapped_ns.unwrap_or(0));
         self.last_ns = Some(count_ns);

@@ -16,6 +16,7 @@ use crate::{
     bag::Bag,
     csv_source::CsvSource,
     dataflash,
+    error::quoted,
     force_aligner::ForceAligner,
     row_writer::{RowWriter, Sample, Samples, is_calm},
     source::{Inertial, Motion, ReceiverFix, Source, Survey},
@@ -37,6 +38,11 @@ const PLAUSIBLE_MEAN_FIELD_UT: std::ops::Range<f64> = 8.0..240.0;
 
 /// Minimum number of field samples for a check of their magnitude. Fewer may all be disturbed.
 const MIN_FIELD_SAMPLES: u64 = 50;
+
+/// Remedy for text without increasing times.
+const CONSTANT_TEXT_TIMES: &str = "map another column with --map, or state the rate and read the text as a stream, as with `plumb up --source 'stdin?rate_hz=100' < FILE`";
+/// Remedy for a log without increasing times.
+const CONSTANT_LOG_TIMES: &str = "set the clock of the program that writes the log";
 
 /// Progress of an import.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -123,7 +129,7 @@ fn common_format(paths: &[PathBuf], options: &Options) -> Result<Format, ImportE
     for path in paths {
         let format = Format::detect(path)?;
         if let Some(remedy) = format.remedy() {
-            let remedy = remedy.replace("FILE", &path.to_string_lossy()).replace("FOLDER", &folder_name(path));
+            let remedy = remedy.replace("FILE", &quoted(&path.to_string_lossy())).replace("FOLDER", &folder_name(path));
             return Err(ImportError::UnsupportedFormat { path: path.clone(), format, remedy: remedy.into() });
         }
         if !format.is_text() && paths.len() > 1 {
@@ -133,6 +139,13 @@ fn common_format(paths: &[PathBuf], options: &Options) -> Result<Format, ImportE
         let mapping = options.mapping.as_ref().filter(|mapping| mapping.is_explicit() || !format.has_topics());
         if !format.is_text() && mapping.is_some() {
             return Err(ImportError::MappingNotApplicable { path: path.clone(), format });
+        }
+        let numbers = [("--imu", options.imu), ("--mag", options.mag), ("--gnss", options.gnss)];
+        let is_numbered = |what: &str| !(format.is_text() || format == Format::Tlog && what != "--imu");
+        if let Some((what, found)) =
+            numbers.into_iter().find_map(|(what, number)| Some((what, number.filter(|_| !is_numbered(what))?)))
+        {
+            return Err(ImportError::UnknownSensor { path: path.clone(), what, found, count: 0 });
         }
         if !format.has_topics() && !options.topics.is_empty() {
             return Err(ImportError::TopicsNotApplicable { path: path.clone(), format });
@@ -145,7 +158,7 @@ fn common_format(paths: &[PathBuf], options: &Options) -> Result<Format, ImportE
 /// Returns the name of the folder into which a file is converted, or the folder itself.
 fn folder_name(path: &Path) -> String {
     let folder = if path.is_dir() { path.to_owned() } else { path.with_extension("") };
-    folder.to_string_lossy().into_owned()
+    quoted(&folder.to_string_lossy())
 }
 
 fn open_source<'a>(
@@ -157,7 +170,7 @@ fn open_source<'a>(
     Ok(match (format, &options.mapping) {
         (Format::Ulog, _) => Box::new(Log::open(path, options)?),
         (Format::ArduPilot, _) => Box::new(dataflash::Log::open(path, options)?),
-        (Format::Tlog, _) => Box::new(Tlog::open(path)?),
+        (Format::Tlog, _) => Box::new(Tlog::open(path, options)?),
         (Format::Bag | Format::Mcap | Format::Sqlite, _) => Box::new(Bag::open(path, format, options)?),
         (_, mapping) => {
             let mapping = mapping.clone().unwrap_or_default();
@@ -224,6 +237,11 @@ fn import(
             reason: survey.reason.or(reason),
             expected: survey.expected,
         });
+    }
+    if rows.rows == 1 && aligner.rates_out_of_order > 0 {
+        let remedy = if source.format().is_text() { CONSTANT_TEXT_TIMES } else { CONSTANT_LOG_TIMES };
+        let rows = rows.rows + aligner.rates_out_of_order;
+        return Err(ImportError::ConstantTimes { path: path.to_owned(), rows, remedy });
     }
     let mut notes = survey.notes.clone();
     notes.extend(field_note(&rows, source.field_factor()));

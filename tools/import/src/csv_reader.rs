@@ -18,7 +18,10 @@ use std::{
 };
 
 use foreign::ForeignText;
-use mapping::text::{Dialect, Expected, Line, Separator, Time, is_row, unnamed_columns};
+use mapping::{
+    names_with_units,
+    text::{Dialect, Expected, Line, Separator, Time, is_row, unnamed_columns},
+};
 use recording::GzipReader;
 
 use crate::{
@@ -31,6 +34,9 @@ const BUFFER_BYTES: usize = 1 << 16;
 const MAX_LINE_BYTES: usize = 1 << 16;
 /// Description of a time that can be read.
 const TIME_EXPECTED: &str = "less than 9e9 s; set another unit with --units";
+/// Description of the text of a time.
+const TIME_TEXT_EXPECTED: &str =
+    "a number, a time of day such as 13:05:00.02 or a date such as 2026-05-01T13:05:00.02Z";
 /// Maximum number of lines before the first row.
 const MAX_HEADER_LINES: usize = 256;
 
@@ -53,14 +59,23 @@ impl CsvReader {
         let (header, first) = read_start(path, &mut lines)?;
         lines.is_before_rows = false;
         let separator = match &header {
-            Some(names) => Separator::common(&[names, &first.1]).unwrap_or_else(|| Separator::of_line(names)),
+            Some(Header { names, .. }) => {
+                Separator::common(&[names, &first.1]).unwrap_or_else(|| Separator::of_line(names))
+            }
             None => Separator::ALL
                 .into_iter()
                 .find(|separator| unnamed_columns(separator.fields(&first.1).len()).is_some())
                 .unwrap_or_else(|| Separator::of_line(&first.1)),
         };
         let names = match &header {
-            Some(names) => separator.fields(names).into_iter().map(ForeignText::from).collect(),
+            Some(Header { names, units }) => {
+                let names = separator.fields(names);
+                let with_units = units.as_ref().and_then(|units| names_with_units(&names, &separator.fields(units)));
+                match with_units {
+                    Some(names) => names.into_iter().map(ForeignText::from).collect(),
+                    None => names.into_iter().map(ForeignText::from).collect(),
+                }
+            }
             None => {
                 let count = separator.fields(&first.1).len();
                 let numbered = || (1..=count).map(|number| ForeignText::from(number.to_string())).collect();
@@ -85,10 +100,9 @@ impl CsvReader {
             },
         };
         let Some((line, row)) = next else { return Ok(None) };
-        let fields = self.dialect.get().separator.fields(&row);
-        let (found, expected) = (fields.len(), self.names.len());
-        let has_final_separator = found == expected + 1 && fields.last().is_some_and(|last| last.is_empty());
-        if found != expected && !has_final_separator {
+        let expected = self.names.len();
+        let found = self.dialect.get().separator.row_fields(&row, expected).len();
+        if found != expected {
             let index = found.min(expected);
             let position = TextPosition { line, column: Some(index + 1), name: self.names.get(index).cloned() };
             let (found, expected) = (format!("{found} fields"), format!("{expected} as in the header"));
@@ -103,28 +117,53 @@ impl CsvReader {
     }
 }
 
-/// Lines of a file before its first row, and that row.
-type Start = (Option<String>, (u64, String));
+/// Lines that describe the columns.
+struct Header {
+    names: String,
+    /// Line after the names, which may hold their units.
+    units: Option<String>,
+}
+
+/// Column names of a file, and its first row.
+type Start = (Option<Header>, (u64, String));
 
 /// Reads the lines up to the first row. Returns the column names, if present, and the first row.
 ///
 /// The names are in the last line before the first row that is not a comment, or else in the last
-/// comment with as many fields as the row. If no line is a row, the first two lines are taken.
+/// comment with as many fields as the row. A line of units may follow the names. If no line is a
+/// row, the first two lines are taken.
 fn read_start(path: &Path, lines: &mut Lines) -> Result<Start, ImportError> {
     let line_position = |line| TextPosition { line, column: None, name: None };
-    let (mut comment, mut header, mut error) = (None, None, None);
+    let (mut comments, mut headers, mut error) = (Vec::new(), Vec::new(), None);
     let mut first_two: Vec<(u64, String)> = Vec::new();
     for _ in 0..MAX_HEADER_LINES {
         match lines.next() {
             Ok(None) => break,
-            Ok(Some((_, OwnedLine::Comment(text)))) => comment = Some(text),
+            Ok(Some((_, OwnedLine::Comment(text)))) => comments.push(text),
             Ok(Some((line, OwnedLine::Content(text)))) if is_row(&text) => {
                 let fits = |names: &String| Separator::common(&[names, &text]).is_some();
-                let names = header.clone().filter(fits).or_else(|| comment.filter(fits)).or(header);
-                return Ok((names, (line, text)));
+                let last_fitting = |lines: &[String]| {
+                    let last = lines.iter().rposition(fits)?;
+                    let separator = Separator::common(&[&lines[last], &text])?;
+                    // The names are in the line before, if this one holds their units.
+                    let before = last.checked_sub(1).filter(|before| {
+                        let [names, units] = [*before, last].map(|index| separator.fields(&lines[index]));
+                        names_with_units(&names, &units).is_some()
+                    });
+                    Some(before.map_or((last, None), |before| (before, Some(last))))
+                };
+                let header = |lines: &[String], (names, units): (usize, Option<usize>)| Header {
+                    names: lines[names].clone(),
+                    units: units.map(|units| lines[units].clone()),
+                };
+                let is_header = |found: &(usize, Option<usize>)| found.1.unwrap_or(found.0) + 1 == headers.len();
+                let names = last_fitting(&headers).filter(is_header).map(|found| header(&headers, found));
+                let names = names.or_else(|| last_fitting(&comments).map(|found| header(&comments, found)));
+                let last = || headers.last().map(|names| Header { names: names.clone(), units: None });
+                return Ok((names.or_else(last), (line, text)));
             }
             Ok(Some((line, OwnedLine::Content(text)))) => {
-                header = Some(text.clone());
+                headers.push(text.clone());
                 if first_two.len() < 2 {
                     first_two.push((line, text));
                 }
@@ -134,7 +173,7 @@ fn read_start(path: &Path, lines: &mut Lines) -> Result<Start, ImportError> {
     }
     let mut first_two = first_two.into_iter();
     match (first_two.next(), first_two.next(), error) {
-        (Some((_, names)), Some(row), _) => Ok((Some(names), row)),
+        (Some((_, names)), Some(row), _) => Ok((Some(Header { names, units: None }), row)),
         (_, _, Some(error)) => Err(error),
         (Some((line, _)), None, None) => Err(malformed(path, line_position(line + 1), "the end of the file", "a row")),
         (None, _, None) => Err(malformed(path, line_position(1), "the end of the file", "the header line")),
@@ -192,7 +231,7 @@ impl CsvRecord<'_> {
     /// `digits` is the number of decimal places of the column's unit that correspond to 1 ns: 9 for
     /// seconds, 0 for nanoseconds.
     pub(crate) fn time(&self, index: usize, digits: usize) -> Result<Time, ImportError> {
-        let time = |dialect: &mut Dialect, field: &str| dialect.time(field, digits)?.ok_or(Expected::Time);
+        let time = |dialect: &mut Dialect, field: &str| dialect.time(field, digits)?.ok_or(Expected::TimeText);
         self.parse(&self.fields(), index, time).map_err(|error| match error {
             ImportError::Malformed { path, position, found, expected } if expected == TIME_EXPECTED => {
                 let unit = match digits {
@@ -228,6 +267,7 @@ impl CsvRecord<'_> {
                 Expected::Mark { is_comma: false } => "a number with a decimal point, as before",
                 Expected::Mark { is_comma: true } => "a number with a decimal comma, as before",
                 Expected::Time => TIME_EXPECTED,
+                Expected::TimeText => TIME_TEXT_EXPECTED,
             };
             malformed(&self.reader.path, position, excerpt(field.as_bytes()), expected)
         })?;

@@ -27,7 +27,7 @@ use recording::{RecordingError, Reference};
 use crate::{
     Format, ImportError, Mapping, Note,
     csv_reader::{CsvReader, CsvRecord},
-    error::{TextPosition, open_error},
+    error::{TextPosition, open_error, quoted},
     row_writer::Sample,
     row_writer::{Attitude, Samples},
     source::{Inertial, Motion, ReceiverFix, Source, Survey},
@@ -102,10 +102,8 @@ impl CsvSource {
                             }
                             _ => None,
                         };
-                        let finder = finder.get_or_insert_with(|| {
-                            survey.clock = SourceClock { period_ns: period_ns() };
-                            SegmentFinder::new(&survey.clock)
-                        });
+                        let new_finder = || SegmentFinder::new(&SourceClock { period_ns: period_ns() });
+                        let finder = finder.get_or_insert_with(new_finder);
                         finder.push(time.ns());
                     }
                 }
@@ -190,6 +188,7 @@ impl Source for CsvSource {
             self.check_file(path, &mut survey, &mut finder, progress)?;
         }
         if let Some(finder) = finder {
+            survey.clock = finder.clock();
             survey.segments = finder.segments().to_vec();
             survey.wraps = finder.wraps;
         }
@@ -576,12 +575,6 @@ impl CsvFiles {
             }
         }
     }
-}
-
-/// Returns a word for the shell.
-fn quoted(text: &str) -> String {
-    let is_plain = |found: char| found.is_ascii_alphanumeric() || "_-.,:=/".contains(found);
-    if text.chars().all(is_plain) { text.to_owned() } else { format!("'{}'", text.replace('\'', "'\\''")) }
 }
 
 fn matches_name(path: &Path, name: &str) -> bool {

@@ -21,15 +21,16 @@ const PREFIX_BYTES: u64 = 4096;
 const GZIP_MAGIC: &[u8] = b"\x1f\x8b";
 /// First bytes of a DataFlash log, which starts with the FMT message that describes FMT messages.
 const ARDUPILOT_MAGIC: &[u8] = &[0xa3, 0x95, 0x80];
-const MAGIC_NUMBERS: [(&[u8], Format); 18] = [
+const MAGIC_NUMBERS: [(&[u8], Format); 19] = [
     (b"ULog\x01\x12\x35", Format::Ulog),
     (b"\x89MCAP0\r\n", Format::Mcap),
     (ARDUPILOT_MAGIC, Format::ArduPilot),
     (b"SQLite format 3\0", Format::Sqlite),
     (b"#ROSBAG V", Format::Ros1Bag),
-    (b"H Product:Blackbox", Format::Blackbox),
     (b"PAR1", Format::Parquet),
     (b"\x89HDF\r\n", Format::Hdf5),
+    (b"MATLAB 5.0 MAT-file", Format::Matlab),
+    (b"\x93NUMPY", Format::Numpy),
     (b"\xd0\xcf\x11\xe0\xa1\xb1\x1a\xe1", Format::Spreadsheet),
     (b"PK\x03\x04", Format::Zip),
     (b"7z\xbc\xaf\x27\x1c", Format::SevenZip),
@@ -46,10 +47,17 @@ const SPREADSHEET_ENTRIES: [&[u8]; 4] =
     [b"[Content_Types].xml", b"xl/", b"_rels/.rels", b"mimetypeapplication/vnd.oasis.opendocument.spreadsheet"];
 /// Position and bytes of the mark of a tar archive.
 const TAR_MAGIC: (usize, &[u8]) = (257, b"ustar");
-/// Start of the first message of the text form of an ArduPilot log.
-const ARDUPILOT_TEXT: &[u8] = b"FMT, 128, 89, FMT,";
-/// Byte order marks of UTF-16.
-const UTF_16_MARKS: [&[u8]; 2] = [b"\xff\xfe", b"\xfe\xff"];
+/// Mark of a Betaflight log, which may follow bytes of an erased flash memory.
+const BLACKBOX_MARK: &[u8] = b"H Product:Blackbox";
+/// Name of the messages that describe others in the text form of an ArduPilot log.
+const ARDUPILOT_TEXT_FORMAT: &[u8] = b"FMT";
+/// Byte order marks. That of UTF-32 begins with that of UTF-16.
+const BYTE_ORDER_MARKS: [(&[u8], Format); 4] = [
+    (b"\xff\xfe\0\0", Format::Utf32),
+    (b"\0\0\xfe\xff", Format::Utf32),
+    (b"\xff\xfe", Format::Utf16Le),
+    (b"\xfe\xff", Format::Utf16Be),
+];
 /// First bytes of MAVLink messages, versions 1 and 2.
 const MAVLINK_MAGIC: [u8; 2] = [0xfe, 0xfd];
 const WITMOTION_FRAME_BYTES: usize = 11;
@@ -119,22 +127,56 @@ fn detect_by_start(start: &[u8]) -> Option<Format> {
         Some(Format::Zip) if SPREADSHEET_ENTRIES.iter().any(|entry| contains(entry)) => Some(Format::Spreadsheet),
         Some(format) => Some(format),
         None if start.get(tar_offset..).is_some_and(|rest| rest.starts_with(tar_magic)) => Some(Format::Tar),
-        None if UTF_16_MARKS.iter().any(|mark| start.starts_with(mark)) || is_utf_16(start) => Some(Format::Utf16),
+        None if wide_text(start).is_some() => wide_text(start),
         None if is_tlog(start) => Some(Format::Tlog),
         None if is_witmotion(start) => Some(Format::WitMotion),
         None if is_nmea(start) => Some(Format::Receiver),
-        None if start.starts_with(ARDUPILOT_TEXT) || contains(&[b"\n", ARDUPILOT_TEXT].concat()) => {
-            Some(Format::ArduPilotText)
-        }
+        None if contains(BLACKBOX_MARK) => Some(Format::Blackbox),
+        None if start.split(|byte| *byte == b'\n').any(is_ardupilot_format) => Some(Format::ArduPilotText),
+        None if is_json(start) => Some(Format::Json),
         None => is_text(start).then_some(Format::Csv),
     }
 }
 
-/// Returns `true` for text in UTF-16 without a byte order mark: every other byte is zero.
-fn is_utf_16(start: &[u8]) -> bool {
+/// Returns `true` for a line such as `FMT, 128, 89, FMT, BBnNZ, Type,Length,Name,Format,Columns`.
+fn is_ardupilot_format(line: &[u8]) -> bool {
+    let mut fields = line.split(|byte| *byte == b',').map(<[u8]>::trim_ascii);
+    let mut is_next =
+        |test: fn(&u8) -> bool| fields.next().is_some_and(|field| !field.is_empty() && field.iter().all(test));
+    let is_name = |byte: &u8| byte.is_ascii_uppercase() || byte.is_ascii_digit();
+    line.trim_ascii_start().starts_with(ARDUPILOT_TEXT_FORMAT)
+        && is_next(u8::is_ascii_uppercase)
+        && is_next(u8::is_ascii_digit)
+        && is_next(u8::is_ascii_digit)
+        && is_next(is_name)
+        && is_next(u8::is_ascii_alphabetic)
+}
+
+/// Returns `true` for an object or an array of JSON.
+fn is_json(start: &[u8]) -> bool {
+    let text = start.trim_ascii_start();
+    let inner = text.get(1..).map(<[u8]>::trim_ascii_start).and_then(<[u8]>::first);
+    match text.first() {
+        Some(b'{') => inner == Some(&b'"'),
+        Some(b'[') => matches!(inner, Some(b'{' | b'[')),
+        _ => false,
+    }
+}
+
+/// Returns the encoding of text in UTF-16 or UTF-32. In UTF-16 without a byte order mark, every
+/// other byte is zero.
+fn wide_text(start: &[u8]) -> Option<Format> {
+    if let Some((_, format)) = BYTE_ORDER_MARKS.iter().find(|(mark, _)| start.starts_with(mark)) {
+        return Some(*format);
+    }
     let zeros = |parity: usize| start.iter().skip(parity).step_by(2).filter(|byte| **byte == 0).count();
     let half = start.len() / 2;
-    half >= 8 && [zeros(0), zeros(1)].contains(&half) && [zeros(0), zeros(1)].contains(&0)
+    match [zeros(0), zeros(1)] {
+        _ if half < 8 => None,
+        [0, odd] if odd == half => Some(Format::Utf16Le),
+        [even, 0] if even == half => Some(Format::Utf16Be),
+        _ => None,
+    }
 }
 
 /// Returns `true` if the first two frames of a WitMotion sensor have valid checksums.

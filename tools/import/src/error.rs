@@ -120,7 +120,7 @@ pub enum ImportError {
         what: &'static str,
     },
     /// The bag cannot be read.
-    #[error("reading {}: found {found}, expected {expected}", foreign::path(path))]
+    #[error("reading {}: found {found}, expected {}", foreign::path(path), expected.replace("FOLDER", &quoted(&path.to_string_lossy())))]
     UnreadableBag {
         /// Path of the bag.
         path: PathBuf,
@@ -250,6 +250,16 @@ pub enum ImportError {
         /// Description of the data that provides rate and force.
         expected: ForeignText,
     },
+    /// The times of the samples never increase.
+    #[error("importing {}: found {rows} samples whose times never increase, expected increasing times; {}", foreign::path(path), remedy.replace("FILE", &quoted(&path.to_string_lossy())))]
+    ConstantTimes {
+        /// Path of the file.
+        path: PathBuf,
+        /// Number of samples.
+        rows: u64,
+        /// Suggested remedy.
+        remedy: &'static str,
+    },
     /// The requested segment does not exist.
     #[error(
         "reading {}: no segment {found}, expected 1 to {count}; `plumb info` lists the segments",
@@ -337,6 +347,7 @@ impl ImportError {
             | Self::DamagedStart { .. }
             | Self::UnreadableBag { .. }
             | Self::MissingField { .. }
+            | Self::ConstantTimes { .. }
             | Self::NoRows { .. } => 3,
             Self::Recording(error) if matches!(**error, RecordingError::Malformed { .. }) => 3,
             Self::Recording(_) | Self::TemporaryFolder { .. } | Self::WriteMcap { .. } => 1,
@@ -381,6 +392,13 @@ pub(crate) fn open_error(path: &Path, cause: io::Error) -> ImportError {
 /// Returns the first 40 characters of a text, enclosed in quotes.
 pub(crate) fn excerpt(bytes: &[u8]) -> String {
     format!("{:?}", String::from_utf8_lossy(bytes).chars().take(40).collect::<String>())
+}
+
+/// Returns a word for the shell. Control characters are escaped.
+pub(crate) fn quoted(text: &str) -> String {
+    let is_plain = |found: char| found.is_ascii_alphanumeric() || "_-.,:=/".contains(found);
+    let text = ForeignText::from(text).to_string();
+    if text.chars().all(is_plain) { text } else { format!("'{}'", text.replace('\'', "'\\''")) }
 }
 
 /// Maximum number of names listed in an error message.

@@ -36,14 +36,24 @@ pub enum Format {
     WitMotion,
     /// UBX or NMEA of a satellite receiver.
     Receiver,
-    /// Text in UTF-16.
-    Utf16,
+    /// Text in UTF-16, little-endian.
+    Utf16Le,
+    /// Text in UTF-16, big-endian.
+    Utf16Be,
+    /// Text in UTF-32 with a byte order mark.
+    Utf32,
     /// Spreadsheet of Excel or LibreOffice.
     Spreadsheet,
     /// Apache Parquet.
     Parquet,
     /// HDF5, also as `.mat` of MATLAB 7.3.
     Hdf5,
+    /// Data file of MATLAB 5 to 7.2.
+    Matlab,
+    /// Array of NumPy.
+    Numpy,
+    /// JSON, also with one object per line.
+    Json,
     /// Zip archive.
     Zip,
     /// Tar archive.
@@ -65,7 +75,7 @@ pub enum Format {
 }
 
 /// Name of each format and, if it is not read, the command that converts it.
-const TABLE: [(Format, &str, Option<&str>); 28] = [
+const TABLE: [(Format, &str, Option<&str>); 33] = [
     (Format::Recording, "Plumbline recording", None),
     (Format::Csv, "CSV", None),
     (Format::Ulog, "ULog", None),
@@ -93,7 +103,7 @@ const TABLE: [(Format, &str, Option<&str>); 28] = [
         Format::ArduPilotText,
         "text form of an ArduPilot log",
         Some(
-            "use the .BIN that it was made from, or convert it with `mavlogdump.py --format csv --types IMU FILE` (pip install pymavlink)",
+            "use the .BIN that it was made from, or convert it with `mavlogdump.py --format csv --types IMU FILE > FILE.csv` (pip install pymavlink) and read that with `--map t=timestamp,gx=GyrX,gy=GyrY,gz=GyrZ,ax=AccX,ay=AccY,az=AccZ --frame frd`",
         ),
     ),
     (
@@ -111,7 +121,9 @@ const TABLE: [(Format, &str, Option<&str>); 28] = [
         "UBX or NMEA of a satellite receiver",
         Some("it has no rate and force; record receiver and sensor together with `plumb record -o flight.mcap`"),
     ),
-    (Format::Utf16, "text in UTF-16", Some("convert it with `iconv -f UTF-16 -t UTF-8 FILE -o FILE.csv`")),
+    (Format::Utf16Le, "text in UTF-16", Some("convert it with `iconv -f UTF-16LE -t UTF-8 FILE -o FILE.csv`")),
+    (Format::Utf16Be, "text in UTF-16", Some("convert it with `iconv -f UTF-16BE -t UTF-8 FILE -o FILE.csv`")),
+    (Format::Utf32, "text in UTF-32", Some("convert it with `iconv -f UTF-32 -t UTF-8 FILE -o FILE.csv`")),
     (
         Format::Spreadsheet,
         "spreadsheet",
@@ -121,14 +133,33 @@ const TABLE: [(Format, &str, Option<&str>); 28] = [
         Format::Parquet,
         "Parquet file",
         Some(
-            "convert it with `python3 -c \"import pandas; pandas.read_parquet('FILE').to_csv('FILE.csv', index=False)\"`",
+            "convert it with `python3 -c \"import pandas, sys; pandas.read_parquet(sys.argv[1]).to_csv(sys.argv[2], index=False)\" FILE FILE.csv`",
         ),
     ),
     (
         Format::Hdf5,
         "HDF5 file",
         Some(
-            "convert a table of it with `python3 -c \"import pandas; pandas.read_hdf('FILE').to_csv('FILE.csv', index=False)\"`",
+            "convert a table of it with `python3 -c \"import pandas, sys; pandas.read_hdf(sys.argv[1]).to_csv(sys.argv[2], index=False)\" FILE FILE.csv`",
+        ),
+    ),
+    (
+        Format::Matlab,
+        "MATLAB file",
+        Some("write its matrix as CSV with `writematrix` in MATLAB or `csvwrite` in Octave"),
+    ),
+    (
+        Format::Numpy,
+        "NumPy array",
+        Some(
+            "convert it with `python3 -c \"import numpy, sys; numpy.savetxt(sys.argv[2], numpy.load(sys.argv[1]), delimiter=',')\" FILE FILE.csv`",
+        ),
+    ),
+    (
+        Format::Json,
+        "JSON",
+        Some(
+            "convert it with `python3 -c \"import pandas, sys; pandas.read_json(sys.argv[1]).to_csv(sys.argv[2], index=False)\" FILE FILE.csv`, with `lines=True` for one object per line",
         ),
     ),
     (Format::Zip, "zip archive", Some("unpack it with `unzip FILE` and name the file in it")),

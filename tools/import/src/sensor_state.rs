@@ -42,7 +42,9 @@ impl SensorState {
         self.unhealthy += u64::from(!is_healthy);
         for ((value, first), varies) in values.into_iter().zip(&mut self.first).zip(&mut self.varies) {
             if let Some(value) = value {
-                *varies |= *first.get_or_insert(value) != value;
+                // NaN differs from every number, and from itself.
+                let bits = |vector: [f64; 3]| vector.map(f64::to_bits);
+                *varies |= bits(*first.get_or_insert(value)) != bits(value);
             }
         }
         self.segments.push(t_ns);

@@ -9,7 +9,7 @@
 //! Failure: single samples that go back remain in their segment. They are skipped and counted by
 //! the consumer.
 
-use mapping::counter::{COUNTER_PERIODS_NS, wrap_ns};
+use mapping::counter::{COUNTER_PERIODS_NS, narrow_period_ns, wrap_ns};
 
 use crate::{ImportError, row_writer::Samples};
 
@@ -60,6 +60,8 @@ pub(crate) struct SourceClock {
 pub(crate) struct SegmentFinder {
     clock: SourceClock,
     offset_ns: i64,
+    /// Step between the last two samples that went forward, ns.
+    interval_ns: i64,
     /// Times of the samples that go back, in increasing order.
     backward_ns: Vec<i64>,
     segments: Vec<Segment>,
@@ -88,6 +90,11 @@ impl SegmentFinder {
         self.step(t_ns);
     }
 
+    /// Returns the clock, with the period that the steps of the samples have shown.
+    pub(crate) fn clock(&self) -> SourceClock {
+        self.clock.clone()
+    }
+
     /// Returns the segments so far.
     pub(crate) fn segments(&self) -> &[Segment] {
         &self.segments
@@ -100,6 +107,9 @@ impl SegmentFinder {
             self.segments.push(Segment { first_ns: t_ns, last_ns: t_ns, samples: 1 });
             return Step::Current;
         };
+        if self.clock.period_ns.is_none() && self.offset_ns == 0 {
+            self.clock.period_ns = narrow_period_ns(self.interval_ns, segment.last_ns, t_ns);
+        }
         if t_ns < segment.last_ns
             && let Some(period_ns) = wrap_ns(self.clock.period_ns, segment.last_ns, t_ns)
         {
@@ -109,6 +119,9 @@ impl SegmentFinder {
         }
         if t_ns >= segment.last_ns || !has_room {
             self.backward_ns.clear();
+            if t_ns > segment.last_ns {
+                self.interval_ns = t_ns.saturating_sub(segment.last_ns);
+            }
             segment.last_ns = segment.last_ns.max(t_ns);
             segment.samples += 1;
             return Step::Current;
@@ -234,10 +247,13 @@ impl SegmentChoice {
         (from..self.segments.len()).find_map(|index| {
             let segment = self.segments.get(index)?;
             let periods = self.clock.period_ns.into_iter().chain(COUNTER_PERIODS_NS);
-            // The number of periods by which the segment is later than the stamp.
+            // The least number of periods after which the stamp is in the segment, and does not go
+            // back.
+            let start_ns = segment.first_ns.saturating_sub(SLACK_NS);
+            let least_ns = back_ns.filter(|_| index == from).map_or(start_ns, |back_ns| start_ns.max(back_ns));
             let wraps = periods.map(|period_ns| {
-                let distance_ns = segment.last_ns.saturating_add(SLACK_NS).saturating_sub(raw_ns);
-                distance_ns.div_euclid(period_ns).max(0).saturating_mul(period_ns)
+                let distance_ns = least_ns.saturating_sub(raw_ns);
+                distance_ns.div_euclid(period_ns).saturating_add(1).max(0).saturating_mul(period_ns)
             });
             let offsets = std::iter::once(0).chain(wraps);
             let is_possible = |offset_ns: &i64| {
@@ -273,6 +289,7 @@ mod tests {
         let clock = SourceClock { period_ns };
         let mut finder = SegmentFinder::new(&clock);
         ms.iter().for_each(|ms| finder.push(ms * MS));
+        let clock = finder.clock();
         SegmentChoice { clock, segments: finder.segments().to_vec(), index: 0 }
     }
 
@@ -302,6 +319,19 @@ mod tests {
         assert!(rows.windows(2).all(|pair| (19..=21).contains(&(pair[1] - pair[0]))), "{rows:?}");
         assert_eq!(ms(choice.others(times(&[period_ms - 500, 500]))), [period_ms - 500, period_ms + 500]);
         assert_eq!(ms(choice.others(times(&[500]))).len(), 1, "the series starts after the wrap");
+    }
+
+    #[test]
+    fn narrow_counters_are_recognised_by_their_step() {
+        let period_ms = 65_536;
+        let stamps: Vec<i64> = (-100..7000).map(|n| (n * 20_i64).rem_euclid(period_ms)).collect();
+        let narrow = choice(&stamps, None);
+        assert_eq!((narrow.segments.len(), narrow.clock.period_ns), (1, Some(period_ms * MS)));
+        let rows = ms(narrow.rows(times(&stamps)));
+        assert!(rows.len() == stamps.len() && rows.windows(2).all(|pair| pair[1] - pair[0] == 20), "{rows:?}");
+        assert_eq!(ms(narrow.others(times(&[period_ms - 500, 500]))), [period_ms - 500, period_ms + 500]);
+        let restart: Vec<i64> = (0..100).map(|n| 65_000 + 5 * n).chain((0..100).map(|n| 100 + 5 * n)).collect();
+        assert_eq!(choice(&restart, None).segments.len(), 2, "a restart");
     }
 
     #[test]

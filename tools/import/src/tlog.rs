@@ -3,12 +3,13 @@
 //! Input: MAVLink messages, each after its time of arrival in µs since 1970, big-endian.
 //!
 //! Output: rate, force, field, fixes and attitude of the autopilot that the MAVLink decoder
-//! chooses. The reference is ATTITUDE_QUATERNION, or ATTITUDE if the log has no quaternion. RAW_IMU
-//! is read only if the log has no other message with rate and force.
+//! chooses. The reference is ATTITUDE_QUATERNION, or ATTITUDE if the log has no quaternion. Rate
+//! and force are those of one kind of message: the first one of a sensor that works. RAW_IMU is the
+//! last choice.
 //!
-//! Time: the autopilot's clock. A fix, whose message may have another clock, is placed by the times
-//! of arrival of the fix and of the latest sample, and so is an attitude if the samples have UNIX
-//! time.
+//! Time: the autopilot's clock, or the times of arrival if that clock never changes. A fix, whose
+//! message may have another clock, is placed by the times of arrival of the fix and of the latest
+//! sample, and so is an attitude if the samples have UNIX time.
 //!
 //! Memory: a buffer for each series.
 //!
@@ -33,10 +34,11 @@ use mapping::is_rotation;
 use recording::Reference;
 
 use crate::{
-    Format, ImportError, Note,
+    Format, ImportError, Note, Options, Sensor,
     csv_reader::CountingReader,
     error::open_error,
     row_writer::{Attitude, Sample, Samples},
+    sensor_state::SensorState,
     source::{Inertial, Motion, ReceiverFix, Source, Survey},
     timeline::{SegmentFinder, SourceClock},
 };
@@ -50,13 +52,28 @@ const STX_V2: u8 = 0xfd;
 /// Number of messages between two progress reports.
 const PROGRESS_INTERVAL_MESSAGES: u64 = 4096;
 
+/// Messages with rate and force, in order of preference, with their names.
+const IMU_MESSAGES: [(ImuMessage, &str); 5] = [
+    (ImuMessage::HighresImu, "HIGHRES_IMU"),
+    (ImuMessage::ScaledImu, "SCALED_IMU"),
+    (ImuMessage::ScaledImu2, "SCALED_IMU2"),
+    (ImuMessage::ScaledImu3, "SCALED_IMU3"),
+    (ImuMessage::RawImu, "RAW_IMU"),
+];
+/// Number of equal times from which on the clock of the autopilot is considered stopped.
+const MIN_CONSTANT_TIMES: u64 = 10;
+
 /// Telemetry log.
 pub(crate) struct Tlog {
     path: PathBuf,
     length_bytes: u64,
     read_bytes: Rc<Cell<u64>>,
-    /// Message with rate and force; `None` if the decoder chooses it.
+    /// Number of the requested sensor.
+    requested: Option<usize>,
+    /// Message with rate and force; `None` before the survey.
     imu: Option<ImuMessage>,
+    /// `true` if the times of arrival replace those of the autopilot.
+    uses_arrival_times: bool,
     /// `true` if the reference is that of ATTITUDE_QUATERNION.
     has_quaternions: bool,
 }
@@ -74,14 +91,65 @@ enum LogValue {
 }
 
 impl Tlog {
-    pub(crate) fn open(path: &Path) -> Result<Self, ImportError> {
+    pub(crate) fn open(path: &Path, options: &Options) -> Result<Self, ImportError> {
         let found = fs::metadata(path).map_err(|cause| open_error(path, cause))?;
         let (length_bytes, read_bytes) = (found.len(), Rc::default());
-        Ok(Self { path: path.to_owned(), length_bytes, read_bytes, imu: None, has_quaternions: false })
+        Ok(Self {
+            path: path.to_owned(),
+            length_bytes,
+            read_bytes,
+            requested: options.imu,
+            imu: None,
+            uses_arrival_times: false,
+            has_quaternions: false,
+        })
     }
 
     fn messages(&self) -> Result<MessageReader, ImportError> {
-        MessageReader::open(&self.path, &self.read_bytes, self.imu).map_err(|cause| open_error(&self.path, cause))
+        let mut messages = MessageReader::open(&self.path, &self.read_bytes, self.imu)
+            .map_err(|cause| open_error(&self.path, cause))?;
+        messages.uses_arrival_times = self.uses_arrival_times;
+        Ok(messages)
+    }
+
+    /// Reads the log to choose the message with rate and force. Returns the sensors of the log.
+    fn choose_imu(&mut self, progress: &mut dyn FnMut(u64), notes: &mut Vec<Note>) -> Result<Vec<Sensor>, ImportError> {
+        let mut messages = self.messages()?;
+        messages.observers = IMU_MESSAGES.map(|(imu, name)| Observer::new(imu, name)).into();
+        for index in 0u64.. {
+            if index.is_multiple_of(PROGRESS_INTERVAL_MESSAGES) {
+                progress(self.read_bytes.get());
+            }
+            if messages.next().map_err(|cause| open_error(&self.path, cause))?.is_none() {
+                break;
+            }
+        }
+        let found: Vec<_> = messages.observers.into_iter().filter(|observer| observer.state.samples > 0).collect();
+        let read = match self.requested {
+            Some(number) if number < found.len() => number,
+            Some(number) => {
+                let (path, count) = (self.path.clone(), found.len());
+                return Err(ImportError::UnknownSensor { path, what: "--imu", found: number, count });
+            }
+            None => found.iter().position(|observer| observer.state.is_healthy()).unwrap_or(0),
+        };
+        let Some(Observer { imu, name, state, .. }) = found.get(read) else { return Ok(Vec::new()) };
+        self.imu = Some(*imu);
+        let has_one_time = |state: &SensorState| match state.segments.segments() {
+            [segment] => segment.first_ns == segment.last_ns && state.samples >= MIN_CONSTANT_TIMES,
+            _ => false,
+        };
+        if has_one_time(state) {
+            self.uses_arrival_times = true;
+            notes.push(Note::LogTimes { topic: (*name).into() });
+        }
+        if let (None, Some(first), true) = (self.requested, found.first(), read > 0) {
+            notes.push(Note::DeadSensor { sensor: first.name.into(), read: (*name).into() });
+        }
+        let sensor = |(number, observer): (usize, &Observer)| {
+            observer.state.sensor("--imu", number, observer.name, number == read)
+        };
+        Ok(found.iter().enumerate().map(sensor).collect())
     }
 
     /// Returns what `convert` makes of the measurements.
@@ -137,8 +205,8 @@ impl Source for Tlog {
     }
 
     fn total_bytes(&self) -> u64 {
-        // The survey, samples, field, fixes, and the reference twice.
-        6 * self.length_bytes
+        // The choice of the sensor, the survey, samples, field, fixes, and the reference twice.
+        7 * self.length_bytes
     }
 
     fn read_bytes(&self) -> u64 {
@@ -148,15 +216,9 @@ impl Source for Tlog {
     fn survey(&mut self, progress: &mut dyn FnMut(u64)) -> Result<Survey, ImportError> {
         let mut finder = SegmentFinder::new(&SourceClock::default());
         let mut survey = Survey { expected: "HIGHRES_IMU, SCALED_IMU or RAW_IMU".into(), ..Survey::default() };
+        survey.sensors = self.choose_imu(progress, &mut survey.notes)?;
         let mut messages = self.messages()?;
-        for imu in [None, Some(ImuMessage::RawImu)] {
-            self.imu = imu;
-            messages = self.messages()?;
-            self.survey_messages(&mut messages, &mut survey, &mut finder, progress)?;
-            if !finder.segments().is_empty() {
-                break;
-            }
-        }
+        self.survey_messages(&mut messages, &mut survey, &mut finder, progress)?;
         progress(self.read_bytes.get());
         for (count, what, reason) in [
             (messages.skipped_bytes, "bytes", "not a message, or damaged"),
@@ -169,6 +231,7 @@ impl Source for Tlog {
         if !survey.has_reference {
             survey.notes.push(Note::Missing { what: "reference attitude" });
         }
+        survey.clock = finder.clock();
         survey.segments = finder.segments().to_vec();
         survey.wraps = finder.wraps;
         Ok(survey)
@@ -218,6 +281,44 @@ impl Source for Tlog {
     }
 }
 
+/// Decoder of one kind of message with rate and force, and the state of its sensor.
+struct Observer {
+    imu: ImuMessage,
+    name: &'static str,
+    format: Mavlink,
+    state: SensorState,
+}
+
+impl Observer {
+    fn new(imu: ImuMessage, name: &'static str) -> Self {
+        Self { imu, name, format: Mavlink::new(settings(Some(imu))), state: SensorState::default() }
+    }
+
+    /// Adds the measurement of a frame, if it has one.
+    fn observe(&mut self, frame: &[u8]) {
+        let mut measurements = Vec::new();
+        self.format.parse(frame, &mut measurements);
+        for Measurement { time, value } in measurements {
+            if let Value::Imu { rate_rad_s, force_m_s2, .. } = value {
+                self.state.push(time.map_or(0, device_ns), [Some(rate_rad_s), Some(force_m_s2)], true);
+            }
+        }
+    }
+}
+
+fn settings(imu: Option<ImuMessage>) -> MavlinkSettings {
+    MavlinkSettings { raw_scale: Some(RawScale::ARDUPILOT), imu, ..MavlinkSettings::default() }
+}
+
+/// Returns the time of the autopilot's clock, ns.
+fn device_ns(time: DeviceTime) -> i64 {
+    match time {
+        DeviceTime::Counter { now_ns, .. } | DeviceTime::SinceBoot { now_ns } | DeviceTime::Unix { now_ns } => {
+            now_ns.cast_signed()
+        }
+    }
+}
+
 /// Reader of the messages of a log.
 struct MessageReader {
     file: CountingReader,
@@ -227,6 +328,10 @@ struct MessageReader {
     format: Mavlink,
     pending: Vec<Measurement>,
     pending_attitude: Option<AttitudeEstimate>,
+    /// Decoders that receive each frame in addition.
+    observers: Vec<Observer>,
+    /// `true` if the times of arrival replace those of the autopilot.
+    uses_arrival_times: bool,
     /// `true` if the samples have the time since the start of the autopilot.
     is_since_boot: bool,
     arrival_ns: i64,
@@ -238,15 +343,16 @@ struct MessageReader {
 
 impl MessageReader {
     fn open(path: &Path, read_bytes: &Rc<Cell<u64>>, imu: Option<ImuMessage>) -> io::Result<Self> {
-        let settings = MavlinkSettings { raw_scale: Some(RawScale::ARDUPILOT), imu, ..MavlinkSettings::default() };
         Ok(Self {
             file: CountingReader::new(File::open(path)?, read_bytes),
             buffer: Vec::new(),
             start: 0,
             has_ended: false,
-            format: Mavlink::new(settings),
+            format: Mavlink::new(settings(imu)),
             pending: Vec::new(),
             pending_attitude: None,
+            observers: Vec::new(),
+            uses_arrival_times: false,
             is_since_boot: false,
             arrival_ns: 0,
             offset_ns: 0,
@@ -259,13 +365,9 @@ impl MessageReader {
     fn next(&mut self) -> io::Result<Option<TimedValue>> {
         loop {
             if let Some(Measurement { time, value }) = self.pending.pop() {
-                if let (Value::Imu { .. } | Value::Field(_), Some(time)) = (&value, time) {
-                    let t_ns = match time {
-                        DeviceTime::Counter { now_ns, .. }
-                        | DeviceTime::SinceBoot { now_ns }
-                        | DeviceTime::Unix { now_ns } => now_ns.cast_signed(),
-                    };
-                    self.offset_ns = t_ns.saturating_sub(self.arrival_ns);
+                let is_sample = matches!(value, Value::Imu { .. } | Value::Field(_));
+                if let Some(time) = time.filter(|_| is_sample && !self.uses_arrival_times) {
+                    self.offset_ns = device_ns(time).saturating_sub(self.arrival_ns);
                     self.is_since_boot = matches!(time, DeviceTime::SinceBoot { .. });
                 }
                 let t_ns = self.arrival_ns.saturating_add(self.offset_ns);
@@ -299,7 +401,10 @@ impl MessageReader {
         let first = self.pending.len();
         let length = match self.format.parse(message, &mut self.pending) {
             ParseOutcome::Frame(length) => {
-                self.pending_attitude = message.get(..length).and_then(|frame| self.format.attitude(frame));
+                let frame = message.get(..length);
+                self.pending_attitude = frame.and_then(|frame| self.format.attitude(frame));
+                let observe = |observer: &mut Observer| frame.iter().for_each(|frame| observer.observe(frame));
+                self.observers.iter_mut().for_each(observe);
                 Some(length)
             }
             ParseOutcome::Foreign(length) => {

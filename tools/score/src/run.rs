@@ -48,6 +48,8 @@ const PROGRESS_ROWS: u64 = 1024;
 pub struct Request {
     /// Names of the trials: files, or simulations such as `sim:s1`.
     pub files: Vec<String>,
+    /// Files imported from a format with defined axes, to which `--frame` does not apply.
+    pub files_with_axes: Vec<String>,
     /// Options for reading the trials.
     pub options: TrialOptions,
     /// Selected stages and settings.
@@ -330,7 +332,9 @@ fn run_trial(
     let heading_offset = stage_runs.find_map(|chain_run| chain_run.stats.constant_heading_error_deg());
     // A wrong unit or axis explains an offset as well, and has its own remedy.
     let heading_offset = heading_offset.filter(|_| findings.is_empty());
-    let warnings = warnings.chain(heading_offset.map(heading_offset_warning));
+    let has_axes = |path: &Path| request.files_with_axes.iter().any(|file| Path::new(file) == path);
+    let has_axes = trial.file().is_none_or(has_axes);
+    let warnings = warnings.chain(heading_offset.map(|offset_deg| heading_offset_warning(offset_deg, has_axes)));
     let estimate_runs = chain_runs.iter().skip(launches.len()).zip(&request.estimates);
     let warnings = warnings.chain(estimate_runs.filter_map(|(run, Estimate { name, .. })| {
         let (found, of, what) = match scored_ticks {
@@ -353,8 +357,8 @@ fn run_trial(
 }
 
 /// Returns the warning of a heading that differs from the reference by a constant angle, degrees,
-/// counter-clockwise.
-fn heading_offset_warning(offset_deg: f64) -> String {
+/// counter-clockwise. `has_axes` is `true` if the format of the trial defines its axes.
+fn heading_offset_warning(offset_deg: f64, has_axes: bool) -> String {
     /// Largest magnetic declination away from the poles, degrees.
     const MAX_DECLINATION_DEG: f64 = 40.0;
     /// Maximum distance from a multiple of 90° of an offset that exchanged axes cause, degrees.
@@ -365,7 +369,13 @@ fn heading_offset_warning(offset_deg: f64) -> String {
             "\n    a reference relative to true north, whose declination is missing: `--set declination_deg={offset_deg:.1}`\n    a reference with its own zero of yaw: align it with north"
         )
     } else if from_axes_deg.abs() < MAX_AXES_ERROR_DEG {
-        "\n    axes that are exchanged (forward and right, or north and east): `--frame enu-flu` or `--frame ned-frd` for CSV, MCAP and bags; ULog, ArduPilot log and tlog define their axes, so align the reference".to_owned()
+        let axes = "\n    axes that are exchanged (forward and right, or north and east): ";
+        let remedy = if has_axes {
+            "the format of the trial defines its axes, so align the reference"
+        } else {
+            "`--frame enu-flu` or `--frame ned-frd`"
+        };
+        format!("{axes}{remedy}")
     } else {
         "\n    a reference with its own zero of yaw: align it with north".to_owned()
     };

@@ -19,6 +19,7 @@ mod plumbline;
 pub(crate) mod ros;
 mod samples;
 mod sqlite;
+mod sqlite_pages;
 mod topics;
 
 use std::{
@@ -37,6 +38,7 @@ use crate::{
     row_writer::Sample,
     row_writer::{Attitude, Samples},
     source::{Inertial, Motion, ReceiverFix, Source, Survey},
+    timeline::SegmentFinder,
 };
 use message::{Message, ReadError};
 use ros::Convention;
@@ -211,6 +213,7 @@ impl Source for Bag<'_> {
         let finder = counts.map(|counts| &counts.segments[usize::from(uses_log_times)]);
         let segments = finder.map_or_else(Vec::new, |finder| finder.segments().to_vec());
         let wraps = finder.map_or(0, |finder| finder.wraps);
+        let clock = finder.map(SegmentFinder::clock).unwrap_or_default();
         let mut sensors = topics.sensors(rows.as_ref().map(|rows| &rows.rate), uses_log_times);
         sensors.extend(topics.other_sensors("--mag", Role::Field, field.as_ref()));
         sensors.extend(topics.other_sensors("--gnss", Role::Velocity, velocity.as_ref()));
@@ -224,6 +227,7 @@ impl Source for Bag<'_> {
             sensors,
             reason,
             expected,
+            clock,
             segments,
             wraps,
             ..Survey::default()
@@ -366,7 +370,7 @@ fn bag_files(folder: &Path) -> Result<Vec<(PathBuf, Format)>, ImportError> {
     if files.is_empty() {
         let found = if has_compressed { "only compressed files" } else { "no message file" };
         let expected = if has_compressed {
-            "uncompressed files; unpack them with zstd -d"
+            "uncompressed files; unpack them with `zstd -d FOLDER/*.zstd`"
         } else {
             "a .mcap or .db3 file next to metadata.yaml; copy the complete folder"
         };

@@ -6,7 +6,8 @@
 //! Memory: [`BATCH_MESSAGES`] messages of at most [`MAX_MESSAGE_BYTES`] each.
 //!
 //! Failure: rows that are missing or unusable are counted. Row numbers must increase. Rows with
-//! other numbers are skipped, and reading ends after [`MAX_STRAY_ROWS`] of them.
+//! other numbers are skipped, and reading ends after [`MAX_STRAY_ROWS`] of them. If the tree of the
+//! table is damaged, the rows after the damage are read from the pages that remain.
 
 use std::{
     cell::Cell,
@@ -20,6 +21,7 @@ use rusqlite::{Connection, OpenFlags, limits::Limit};
 
 use super::{
     message::{Message, ReadError},
+    sqlite_pages::{PageRow, Pages},
     topics::Topic,
 };
 
@@ -34,7 +36,10 @@ const MAX_VALUE_BYTES: i32 = 1 << 24;
 
 /// Cursor over the messages in a database.
 pub(super) struct Cursor {
+    path: PathBuf,
     connection: Connection,
+    /// Pages that are read after damage of the tree.
+    pages: Option<Pages>,
     topics: HashMap<i64, Rc<Topic>>,
     batch: VecDeque<Message>,
     query: String,
@@ -155,7 +160,9 @@ impl Cursor {
         };
         let has_ended = topics.is_empty();
         Ok(Self {
+            path: path.to_owned(),
             connection,
+            pages: None,
             topics,
             batch: VecDeque::new(),
             query,
@@ -172,7 +179,10 @@ impl Cursor {
     /// Returns the next message, or `None` at the end of the database.
     pub(super) fn next(&mut self) -> Result<Option<Message>, ReadError> {
         while self.batch.is_empty() && !self.has_ended {
-            self.read_batch()?;
+            match &self.pages {
+                None => self.read_batch()?,
+                Some(_) => self.read_page_row()?,
+            }
         }
         let next = self.batch.pop_front();
         if next.is_none() {
@@ -188,7 +198,8 @@ impl Cursor {
     fn read_batch(&mut self) -> Result<(), ReadError> {
         let mut statement = self.connection.prepare(&self.query)?;
         let mut rows = statement.query([self.last_row_id])?;
-        let (mut count, mut is_advanced) = (0, false);
+        let (mut count, mut last_row_id) = (0, self.last_row_id);
+        let mut accepted = Vec::new();
         let damage = loop {
             let row = match rows.next().and_then(|row| row.map(Row::read).transpose()) {
                 Ok(Some(row)) => row,
@@ -196,33 +207,29 @@ impl Cursor {
                 Err(cause) => break Some(cause.into()),
             };
             count += 1;
-            if !(self.last_row_id < row.id && row.id <= self.max_row_id) {
+            if !(last_row_id < row.id && row.id <= self.max_row_id) {
                 self.losses.stray += 1;
                 if self.losses.stray >= MAX_STRAY_ROWS {
-                    break Some(ReadError::Damage(format!("row {} after row {}", row.id, self.last_row_id).into()));
+                    break Some(ReadError::Damage(format!("row {} after row {last_row_id}", row.id).into()));
                 }
                 continue;
             }
-            is_advanced = true;
-            self.losses.add_missing(self.last_row_id, row.id.saturating_sub(1));
-            self.last_row_id = row.id;
-            match (row.topic.and_then(|id| self.topics.get(&id)), row.data) {
-                (Some(topic), Some(data)) => {
-                    self.batch.push_back(Message { topic: topic.clone(), log_ns: row.log_ns, data });
-                }
-                (Some(_), None) => self.losses.without_data += 1,
-                (None, _) => {
-                    let is_known = row.topic.is_some_and(|id| self.topic_ids.contains(&id));
-                    self.losses.without_topic += u64::from(!is_known);
-                }
-            }
+            last_row_id = row.id;
+            accepted.push(row);
         };
+        drop(rows);
+        drop(statement);
+        let is_advanced = !accepted.is_empty();
+        accepted.into_iter().for_each(|row| self.add_row(row));
         self.progress.report(self.last_row_id);
         match damage {
-            Some(damage) if !is_advanced => {
-                self.has_ended = true;
-                return Err(damage);
-            }
+            Some(damage) if !is_advanced => match Pages::open(&self.path) {
+                Ok(pages) if self.losses.stray < MAX_STRAY_ROWS => self.pages = Some(pages),
+                _ => {
+                    self.has_ended = true;
+                    return Err(damage);
+                }
+            },
             Some(_) => {}
             None => self.has_ended = count < BATCH_MESSAGES,
         }
@@ -230,6 +237,43 @@ impl Cursor {
             self.losses.add_missing(self.last_row_id, self.last_indexed_row_id);
         }
         Ok(())
+    }
+
+    /// Reads the next row from the pages that remain.
+    fn read_page_row(&mut self) -> Result<(), ReadError> {
+        let row = match &mut self.pages {
+            Some(pages) => pages.next().map_err(|cause| ReadError::Damage(cause.to_string().into()))?,
+            None => None,
+        };
+        match row {
+            Some(PageRow { id, topic, log_ns, data }) if id > self.last_row_id && id <= self.max_row_id => {
+                let data = Some(data).filter(|data| data.len() <= MAX_MESSAGE_BYTES as usize);
+                self.add_row(Row { id, topic: Some(topic), data, log_ns });
+            }
+            Some(_) => {}
+            None => {
+                self.has_ended = true;
+                self.losses.add_missing(self.last_row_id, self.last_indexed_row_id);
+                return Err(ReadError::Damage("the tree of its messages is broken; the intact pages were read".into()));
+            }
+        }
+        Ok(())
+    }
+
+    /// Adds a row with a larger number than the last one.
+    fn add_row(&mut self, row: Row) {
+        self.losses.add_missing(self.last_row_id, row.id.saturating_sub(1));
+        self.last_row_id = row.id;
+        match (row.topic.and_then(|id| self.topics.get(&id)), row.data) {
+            (Some(topic), Some(data)) => {
+                self.batch.push_back(Message { topic: topic.clone(), log_ns: row.log_ns, data });
+            }
+            (Some(_), None) => self.losses.without_data += 1,
+            (None, _) => {
+                let is_known = row.topic.is_some_and(|id| self.topic_ids.contains(&id));
+                self.losses.without_topic += u64::from(!is_known);
+            }
+        }
     }
 }
 
@@ -256,7 +300,10 @@ fn open_read_only(path: &Path) -> Result<Connection, ReadError> {
     let flags = OpenFlags::SQLITE_OPEN_READ_ONLY | OpenFlags::SQLITE_OPEN_NO_MUTEX | OpenFlags::SQLITE_OPEN_URI;
     let connection = Connection::open_with_flags(uri, flags)?;
     connection.set_limit(Limit::SQLITE_LIMIT_LENGTH, MAX_VALUE_BYTES)?;
-    connection.execute_batch("PRAGMA trusted_schema = OFF; PRAGMA cell_size_check = ON; PRAGMA query_only = ON")?;
+    // With a writable schema, SQLite also reads a file that is shorter than its header states.
+    connection.execute_batch(
+        "PRAGMA writable_schema = ON; PRAGMA trusted_schema = OFF; PRAGMA cell_size_check = ON; PRAGMA query_only = ON",
+    )?;
     Ok(connection)
 }
 

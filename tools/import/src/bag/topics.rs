@@ -15,9 +15,6 @@ use crate::{
 /// Maximum number of topics for which messages are counted.
 const MAX_TOPICS: usize = 4096;
 const MAX_NAME_BYTES: usize = 512;
-/// Number of equal samples from which on a sensor is considered dead.
-const MIN_CONSTANT_SAMPLES: u64 = 50;
-
 /// Number of equal timestamps from which on they are considered constant.
 const MIN_CONSTANT_STAMPS: u64 = 10;
 
@@ -123,11 +120,7 @@ pub(super) struct MessageCounts {
     first_stamp_ns: Option<i64>,
     /// `true` if the timestamp of a sample differs from that of another.
     has_moving_stamps: bool,
-    /// Rate and force of the first sample.
-    first: Option<[Option<[f64; 3]>; 2]>,
-    /// `true` if a sample differs from the first one.
-    pub(super) varies: bool,
-    /// State of a magnetometer or a receiver, by log time.
+    /// State of the sensor, by log time.
     pub(super) state: SensorState,
     /// Segments of the samples, by timestamp and by log time.
     pub(super) segments: [SegmentFinder; 2],
@@ -141,8 +134,7 @@ impl MessageCounts {
         self.forces += u64::from(is_non_zero(sample.force_m_s2));
         self.joint += u64::from(sample.rate_rad_s.is_some() && sample.force_m_s2.is_some());
         self.attitudes += u64::from(sample.attitude.is_some());
-        let values = [sample.rate_rad_s, sample.force_m_s2];
-        self.varies |= *self.first.get_or_insert(values) != values;
+        self.state.push(log_ns, [sample.rate_rad_s, sample.force_m_s2], true);
         let [by_stamp, by_log_time] = &mut self.segments;
         by_stamp.push(sample.t_ns);
         by_log_time.push(log_ns);
@@ -172,11 +164,6 @@ impl MessageCounts {
     /// Returns `true` if the topic has forces and no rates.
     fn has_forces_only(&self) -> bool {
         self.forces > 0 && self.rates == 0
-    }
-
-    /// Returns `true` if the samples are those of a working sensor, which are never all equal.
-    fn is_healthy(&self) -> bool {
-        self.varies || self.samples < MIN_CONSTANT_SAMPLES
     }
 }
 
@@ -335,7 +322,7 @@ impl<'a> Topics<'a> {
             notes.push(Note::Joined { rate: rate.name.clone(), force: force.name.clone() });
             return Ok(Some(MotionTopics { rate: rate.clone(), force: Some(force.clone()) }));
         }
-        let first = complete().find(|(_, counts)| counts.is_healthy()).or_else(|| complete().next());
+        let first = complete().find(|(_, counts)| counts.state.is_healthy()).or_else(|| complete().next());
         let Some((topic, _)) = first.or_else(|| rows().next()) else { return Ok(None) };
         for (dead, _) in complete().take_while(|(other, _)| *other != topic) {
             notes.push(Note::DeadSensor { sensor: dead.name.clone(), read: topic.name.clone() });
@@ -361,7 +348,7 @@ impl<'a> Topics<'a> {
                 samples: counts.samples,
                 rate_hz: counts.samples.saturating_sub(1) as f64
                     / segments.iter().map(Segment::duration_s).sum::<f64>(),
-                state: if counts.is_healthy() { "healthy" } else { "dead: constant" },
+                state: counts.state.problem().unwrap_or("healthy"),
                 is_read: read == Some(topic),
             }
         });

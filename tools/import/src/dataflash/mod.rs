@@ -210,6 +210,7 @@ impl Source for Log {
             notes,
             sensors,
             expected: "IMU with GyrX and AccX".into(),
+            clock: finder.clock(),
             segments: finder.segments().to_vec(),
             wraps: finder.wraps,
             ..Survey::default()

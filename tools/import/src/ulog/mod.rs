@@ -38,7 +38,6 @@ use crate::{
     row_writer::{Attitude, Samples},
     sensor_state::SensorState,
     source::{Motion, ReceiverFix, Source, Survey},
-    timeline::SourceClock,
 };
 use kind::Kind;
 use messages::LogStatus;
@@ -297,9 +296,9 @@ impl Source for Log {
             has_field: accepted(selection.fields),
             has_reference: accepted(selection.attitudes),
             has_fixes: accepted(selection.fixes),
+            clock: finder.clock(),
             segments: finder.segments().to_vec(),
             wraps: finder.wraps,
-            clock: SourceClock::default(),
             notes,
             sensors,
             reason: damage.filter(|_| !has_motion),

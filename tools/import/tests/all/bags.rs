@@ -146,7 +146,7 @@ fn bag_of_several_files_joined_and_damage_reported() {
     assert!(imported.summary.notes.contains(&skipped), "{:?}", imported.summary.notes);
 
     for (name, contents, expected) in [
-        ("a.mcap.zstd", &b"\x28\xb5\x2f\xfd"[..], "unpack them with zstd -d"),
+        ("a.mcap.zstd", &b"\x28\xb5\x2f\xfd"[..], "unpack them with `zstd -d "),
         ("b.txt", b"nothing", "a .mcap or .db3 file next to metadata.yaml"),
     ] {
         let bag = folder.path(&format!("of_{name}"));
@@ -271,6 +271,28 @@ fn database_whose_row_numbers_go_back_ends() {
     fs::write(&path, bytes).unwrap();
     let (rows, notes) = rows_and_notes(&folder, &path);
     assert!((1..2000).contains(&rows) && notes[0].starts_with("a.db3 is damaged: row "), "{rows} {notes:?}");
+}
+
+#[test]
+fn damaged_database_costs_the_damaged_rows_only() {
+    let folder = Folder::new();
+    // So many rows need two levels of inner pages, of which the second is at the end of the file.
+    let path = database(&folder, 6000, "");
+    let bytes = fs::read(&path).unwrap();
+    let (length, page) = (bytes.len(), usize::from(u16::from_be_bytes([bytes[16], bytes[17]])));
+    let zeroed = |from: usize, to: usize| [&bytes[..from], &vec![0; to - from], &bytes[to..]].concat();
+    let middle = length / 2 / page * page;
+    for (what, contents, expected) in [
+        ("cut", bytes[..length * 3 / 4].to_vec(), 4000..6000),
+        ("cut inside a page", bytes[..length * 3 / 4 + 77].to_vec(), 4000..6000),
+        ("zeros at the end", zeroed(length * 3 / 4, length), 4000..6000),
+        ("a page of zeros", zeroed(middle, middle + page), 5900..6000),
+        ("zeros across pages", zeroed(middle + 100, middle + 8 * page), 5800..6000),
+    ] {
+        let (rows, notes) = rows_and_notes(&folder, &folder.file("b.db3", contents));
+        assert!(expected.contains(&rows), "{what}: {rows} {notes:?}");
+        assert!(notes.iter().any(|note| note.starts_with("b.db3 is damaged")), "{what}: {notes:?}");
+    }
 }
 
 #[test]

@@ -7,6 +7,7 @@ use import::{ImportError, Mapping, Note, Options, convert};
 use crate::common::{ATTITUDE, COMBINED, Folder, Log};
 
 const TIME: &str = "a time in s, less than 9e9 s; set another unit with --units";
+const TIME_TEXT: &str = "a number, a time of day such as 13:05:00.02 or a date such as 2026-05-01T13:05:00.02Z";
 const NAMES: &str = "t=t,gx=p,gy=q,gz=r,ax=u,ay=v,az=w";
 
 fn mapping_error(maps: &[&str], units: &str, frame: &str) -> String {
@@ -114,9 +115,10 @@ fn invalid_value_reported_with_position() {
     for (row, position, found, expected) in [
         ("1;1;2;x;4;5;6\n", "line 2, column 4 (r)", "\"x\"", "a number"),
         ("1;1,234.5;2;3;4;5;6\n", "line 2, column 2 (p)", "\"1,234.5\"", "a number"),
-        ("2026-11-23 10;1;2;3;4;5;6\n", "line 2, column 1 (t)", "\"2026-11-23 10\"", TIME),
+        ("2026-11-23 10;1;2;3;4;5;6\n", "line 2, column 1 (t)", "\"2026-11-23 10\"", TIME_TEXT),
         ("1700000000000;1;2;3;4;5;6\n", "line 2, column 1 (t)", "\"1700000000000\"", TIME),
-        (";1;2;3;4;5;6\n", "line 2, column 1 (t)", "\"\"", TIME),
+        ("05/01/2026 10:00:00;1;2;3;4;5;6\n", "line 2, column 1 (t)", "\"05/01/2026 10:00:00\"", TIME_TEXT),
+        (";1;2;3;4;5;6\n", "line 2, column 1 (t)", "\"\"", TIME_TEXT),
         ("1;1;2\n", "line 2, column 4 (r)", "3 fields", "7 as in the header"),
         ("1;1;2;3;4;5;6;7\n", "line 2, column 8", "8 fields", "7 as in the header"),
     ] {

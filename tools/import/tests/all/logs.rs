@@ -138,6 +138,51 @@ fn telemetry_log_with_raw_imu_only_is_read() {
 }
 
 #[test]
+fn dead_sensor_of_telemetry_log_is_passed_over() {
+    let folder = Folder::new();
+    for version in [1, 2] {
+        let mut log = Vec::new();
+        for n in 0..100u32 {
+            let arrival_us = 1_700_000_000_000_000 + u64::from(n) * 20_000;
+            let numbers = [n as i16, 0, -1000, 100, n as i16, 0, 200, 0, 430];
+            log.extend(tlog_record(arrival_us, version, 26, &scaled_imu(5000 + 20 * n, [0; 9])));
+            log.extend(tlog_record(arrival_us, version, 116, &scaled_imu(5000 + 20 * n, numbers)));
+        }
+        let path = folder.file("a.tlog", &log);
+        let imported = folder.import(std::slice::from_ref(&path), None).unwrap();
+        assert!((imported.rows[0].force_m_s2[2] - 9.80665).abs() < 1e-9, "{:?}", imported.rows[0]);
+        assert!(notes(&imported).contains("SCALED_IMU is dead"), "{}", notes(&imported));
+        let sensors: Vec<_> = imported.summary.sensors.iter().map(ToString::to_string).collect();
+        let expected = [
+            "--imu 0: SCALED_IMU, 100 samples at 50.0 Hz, dead: constant",
+            "--imu 1: SCALED_IMU2, 100 samples at 50.0 Hz, healthy, read",
+        ];
+        assert_eq!(sensors, expected);
+        let chosen = |imu| Options { imu: Some(imu), ..Options::default() };
+        let imported = folder.import_with(std::slice::from_ref(&path), &chosen(0)).unwrap();
+        assert_eq!(imported.rows[0].force_m_s2, [0.0; 3]);
+        let error = folder.import_with(std::slice::from_ref(&path), &chosen(2)).unwrap_err();
+        assert!(error.to_string().contains("--imu 2: no such sensor, expected 0 to 1"), "{error}");
+        let error = folder.import_with(&[path], &Options { mag: Some(1), ..Options::default() }).unwrap_err();
+        assert!(error.to_string().contains("--mag 1: no such sensor"), "{error}");
+    }
+}
+
+#[test]
+fn arrival_times_replace_a_stopped_clock_of_a_tlog() {
+    let mut log = Vec::new();
+    for n in 0..100u32 {
+        let numbers = [n as i16, 0, -1000, 100, n as i16, 0, 200, 0, 430];
+        log.extend(tlog_record(1_700_000_000_000_000 + u64::from(n) * 20_000, 1, 26, &scaled_imu(0, numbers)));
+    }
+    let folder = Folder::new();
+    let imported = folder.import(&[folder.file("a.tlog", &log)], None).unwrap();
+    let start_ms = 1_700_000_000_000;
+    assert_eq!(times_ms(&imported), (0..100).map(|n| start_ms + 20 * n).collect::<Vec<_>>());
+    assert!(notes(&imported).contains("the timestamps of SCALED_IMU never change"), "{}", notes(&imported));
+}
+
+#[test]
 fn segments_of_logs_never_mix() {
     let mut log = Log::new(&[COMBINED, ATTITUDE]);
     for (start_ms, count) in [(500_000u64, 50u64), (100, 30)] {
@@ -273,10 +318,16 @@ fn rate_and_force_of_two_topics_are_joined() {
 fn dead_sensor_is_passed_over_and_can_be_chosen() {
     let folder = Folder::new();
     let dead = |n: u32| imu(20 * n, 0.5, 9.8);
-    let good = |n: u32| imu(20 * n, f64::from(n), 9.8);
+    let good = |n: u32| imu(20 * n, f64::from(n), 9.8 + 0.001 * f64::from(n));
+    let dead_gyro = |n: u32| imu(20 * n, 0.5, 9.8 + 0.001 * f64::from(n));
+    let not_numbers = |n: u32| imu(20 * n, f64::NAN, f64::NAN);
+    let readings: [&dyn Fn(u32) -> Vec<u8>; 3] = [&dead_gyro, &not_numbers, &dead];
+    for first in readings {
+        let path = mcap(&folder, &[("/a", first), ("/b", &good)]);
+        assert_eq!(folder.import(&[path], None).unwrap().rows[1].rate_rad_s[2], 1.0);
+    }
     let path = mcap(&folder, &[("/a", &dead), ("/b", &good)]);
     let imported = folder.import(std::slice::from_ref(&path), None).unwrap();
-    assert_eq!(imported.rows[1].rate_rad_s[2], 1.0);
     assert!(notes(&imported).contains("/a is dead"), "{}", notes(&imported));
     let sensors: Vec<_> = imported.summary.sensors.iter().map(ToString::to_string).collect();
     assert_eq!(

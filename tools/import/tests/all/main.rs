@@ -18,3 +18,4 @@ mod python;
 mod pyulog;
 mod scripts;
 mod ulog;
+mod variants;

@@ -64,6 +64,7 @@ fn bare_errors(fuser: &str, path: &Path) -> AttitudeError {
 fn program_errors(fusers: &[&str], paths: &[PathBuf]) -> Scores {
     let request = Request {
         files: paths.iter().map(|path| path.to_str().unwrap().to_owned()).collect(),
+        files_with_axes: vec![],
         selection: StageSelection {
             fusers: fusers.iter().map(ToString::to_string).collect(),
             ..StageSelection::default()
