@@ -72,7 +72,7 @@ impl StandardInput {
     /// # Errors
     ///
     /// Returns an error if the decoder cannot be created again.
-    pub fn next(&mut self) -> Result<Next, DriversError> {
+    pub fn next_reading(&mut self) -> Result<Next, DriversError> {
         if let Some(reading) = self.queue.pop_front() {
             return Ok(Next::Reading(reading));
         }

@@ -96,7 +96,7 @@ impl Samples {
         match self {
             Self::StandardInput { input, fix, conditioner } => {
                 while !stop_requested.load(Ordering::SeqCst) {
-                    let next = input.next()?;
+                    let next = input.next_reading()?;
                     view.announce(input.problem_changes(matches!(next, Next::End)));
                     match next {
                         Next::Reading(DeviceReading::Sensor(reading)) => {
