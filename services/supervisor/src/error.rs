@@ -115,7 +115,7 @@ pub enum UpError {
     ReceiverWithoutBus,
     /// Standard input could not be decoded.
     #[error(transparent)]
-    StandardInput(#[from] DriversError),
+    StandardInput(Box<DriversError>),
     /// A recording was requested for a run without a bus.
     #[error("cannot record the flight: --in-process has no bus to record; omit --in-process or --record")]
     NoBus,
@@ -172,6 +172,12 @@ impl From<FlightReplayError> for UpError {
             FlightReplayError::MissingReadings(lost) => Self::Flight(lost.to_string()),
             FlightReplayError::Source(error) => Self::Source(error),
         }
+    }
+}
+
+impl From<DriversError> for UpError {
+    fn from(error: DriversError) -> Self {
+        Self::StandardInput(Box::new(error))
     }
 }
 
