@@ -145,8 +145,10 @@ fn report<L: SlotSpec, S: SlotStage<L>>(make: &impl Fn() -> S, budget: &Budget<'
     let (mut checks, mut left_out) = (Vec::new(), Vec::new());
     for ((group, run_group), groups_left) in groups.into_iter().zip((1..=GROUPS).rev()) {
         budget.start_group(groups_left);
-        checks.extend(run_group(make, budget));
-        left_out.extend((budget.left_out() > 0).then(|| LeftOut { group: group.into(), count: budget.left_out() }));
+        let group_checks = run_group(make, budget);
+        let (count, is_whole) = (budget.left_out(), group_checks.is_empty());
+        left_out.extend((count > 0).then(|| LeftOut { group: group.into(), count, is_whole }));
+        checks.extend(group_checks);
     }
     Report { slot: L::SLOT, stage: make().name().into(), checks, left_out }
 }

@@ -25,6 +25,8 @@ pub struct LeftOut {
     pub group: String,
     /// Number of checks, and of cases of checks, that were left out.
     pub count: u64,
+    /// `true` if no check of the group has run.
+    pub is_whole: bool,
 }
 
 /// Result of one check.
@@ -85,8 +87,11 @@ impl fmt::Display for Report {
             write!(f, ", {failed} failed")?;
         }
         self.checks.iter().try_for_each(|check| write!(f, "\n{check}"))?;
-        for LeftOut { group, count } in &self.left_out {
-            write!(f, "\n  left out: {} of {group}", pluralize(*count, "case"))?;
+        for LeftOut { group, count, is_whole } in &self.left_out {
+            match is_whole {
+                true => write!(f, "\n  left out: all of {group}")?,
+                false => write!(f, "\n  left out: {} of {group}", pluralize(*count, "case"))?,
+            }
         }
         Ok(())
     }
