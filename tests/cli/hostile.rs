@@ -103,17 +103,17 @@ fn values_of_launch_file_are_escaped() {
     }
 }
 
-/// Stage program that prints hostile text for every request, describes its parameter with hostile
-/// text and exits at its first step.
+/// Stage program that prints hostile text for every request and describes its parameter with
+/// hostile text. It exits at its first step, or at once if it has an argument.
 const PROGRAM: &str = r#"
-import os, socket, struct
+import os, socket, struct, sys
 HOSTILE = "\x1b]0;owned\x07\x1b[2J\u009b2J\u202e"
 requests = socket.socket(fileno=0)
 while request := requests.recv(16384):
     version, kind, _, number = struct.unpack_from("<HHIQ", request)
     for stream in (1, 2):
         os.write(stream, (HOSTILE + "\nFORGED: all is well\n").encode())
-    if kind == 3:
+    if kind == 3 or sys.argv[1:]:
         os._exit(3)
     description = f"slot\tfuser\nparameter\tp{HOSTILE}\t{HOSTILE}\t1.0\t0.0\t2.0\t{HOSTILE}"
     response = description.encode() if kind == 1 else b""
@@ -122,18 +122,19 @@ while request := requests.recv(16384):
 
 #[test]
 fn output_of_stage_program_is_escaped() {
-    let system = System::new(
-        "[fuser]\nstage = \"evil\"\n[restart]\nlimit = 1\n\
-         [stages.evil]\nslot = \"fuser\"\ncommand = [\"python3\", \"evil.py\"]\n",
-    );
-    fs::write(system.path("evil.py"), PROGRAM).unwrap();
+    let stage = |name: &str, arguments: &str| {
+        format!("[stages.{name}]\nslot = \"fuser\"\ncommand = [\"python3\", \"program.py\"{arguments}]\n")
+    };
+    let stages = stage("steps", "") + &stage("exits", ", \"now\"");
+    let system = System::new(&format!("[fuser]\nstage = \"exits\"\n[restart]\nlimit = 1\n{stages}"));
+    fs::write(system.path("program.py"), PROGRAM).unwrap();
     let launch = system.path("launch.toml");
     let launch = launch.to_str().unwrap();
+    let simulation = "sim:s1?duration_s=1";
     for arguments in [
-        &["stage", "list", "--launch", launch][..],
-        &["stage", "test", "evil", "--launch", launch],
-        &["score", "sim:s1?duration_s=1", "--fuser", "evil", "--launch", launch],
-        &["score", "sim:s1?duration_s=1", "--fuser", "evil", "--launch", launch, "--set", "q=1"],
+        &["stage", "test", "exits", "--launch", launch][..],
+        &["score", simulation, "--fuser", "steps", "--launch", launch],
+        &["score", simulation, "--fuser", "steps", "--launch", launch, "--set", "q=1"],
         &["up", launch, "--for", "1s"],
     ] {
         let output = assert_harmless(plumb(arguments).env("XDG_STATE_HOME", system.folder.path()));

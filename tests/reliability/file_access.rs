@@ -141,7 +141,7 @@ fn symlink_at_shared_state_is_reported_and_not_followed() {
         let text = [output.stdout, output.stderr].concat();
         let text = String::from_utf8(text).unwrap();
         assert_eq!(output.status.code(), Some(1), "{text}");
-        assert!(text.contains("it is a symbolic link") && text.contains(&format!("rm -r {page:?}")), "{text}");
+        assert!(text.contains("it is a symbolic link") && text.contains(page.to_str().unwrap()), "{text}");
         assert_eq!(fs::read_link(&page).unwrap(), target);
         assert_eq!(fs::read_to_string(&target).unwrap(), contents);
     }
