@@ -1,11 +1,32 @@
-//! Remedies for captures of sensors: each command is pasted into a shell.
+//! Remedies that `import`, `info` and `score` print for files: each command is pasted into a shell,
+//! and the file that it writes is read.
 use std::{
     env, fs,
-    path::Path,
+    path::{Path, PathBuf},
     process::{Command, Output},
 };
 
 use crate::common::{System, plumb, python};
+
+/// Commands that are not run, because the tests do not install their programs. `unlz4` writes a
+/// file only in a terminal.
+const NOT_RUN: [&str; 10] = [
+    "unlz4",
+    "ros2 bag reindex",
+    "blackbox_decode",
+    "soffice",
+    "7z x",
+    "unrar x",
+    "pandas.read_parquet",
+    "pandas.read_hdf",
+    "pandas.read_json",
+    "mavlogdump.py",
+];
+const HEADER: &str = "t_s,gx,gy,gz,ax,ay,az\n";
+
+fn rows() -> String {
+    (0..100).map(|n| format!("{}.{:02},0,0,0.{n:02},0,0,9.8\n", n / 100, n % 100)).collect()
+}
 
 fn text(bytes: &[u8]) -> String {
     String::from_utf8_lossy(bytes).into_owned()
@@ -28,6 +49,10 @@ fn shell(system: &System, line: &str) -> Output {
     command.env("XDG_STATE_HOME", system.folder.path()).output().unwrap()
 }
 
+fn has_program(name: &str) -> bool {
+    Command::new("sh").args(["-c", &format!("command -v {name}")]).output().unwrap().status.success()
+}
+
 /// Returns the message for a file that is not read.
 fn refusal(file: &Path) -> String {
     let messages = [&["info"][..], &["score"], &["up", "--in-process", "--replay"]].map(|arguments| {
@@ -40,6 +65,74 @@ fn refusal(file: &Path) -> String {
     let [info, score, up] = messages.each_ref().map(found);
     assert!(info.is_some() && info == score && info == up, "{messages:?}");
     info.unwrap()
+}
+
+/// Asserts that a file of 100 rows is read.
+fn assert_read(file: &Path, arguments: &[&str]) {
+    let output = plumb(&["info"]).arg(file).args(arguments).output().unwrap();
+    let stdout = text(&output.stdout);
+    assert!(stdout.contains("100 samples at 100.0 Hz"), "{}: {stdout}{}", file.display(), text(&output.stderr));
+}
+
+#[test]
+fn conversions_of_refused_formats_yield_readable_files() {
+    let system = System::new("");
+    let csv = HEADER.to_owned() + &rows();
+    let wide = |bytes: fn(u16) -> [u8; 2]| csv.encode_utf16().flat_map(bytes).collect::<Vec<u8>>();
+    let utf_32: Vec<u8> = "\u{feff}".chars().chain(csv.chars()).flat_map(|c| u32::from(c).to_le_bytes()).collect();
+    // Name of the file, its contents or the command that packs `a.csv` into it, and the result.
+    let cases: [(&str, Result<Vec<u8>, &str>, &str); 11] = [
+        ("my little.csv", Ok(wide(u16::to_le_bytes)), "my little.csv.csv"),
+        ("my marked.csv", Ok([b"\xff\xfe".to_vec(), wide(u16::to_le_bytes)].concat()), "my marked.csv.csv"),
+        ("my big.csv", Ok(wide(u16::to_be_bytes)), "my big.csv.csv"),
+        ("my wide.csv", Ok(utf_32), "my wide.csv.csv"),
+        ("my a.tar", Err("tar cf"), "a.csv"),
+        ("my a.zip", Err("zip -q"), "a.csv"),
+        ("my a.csv.zst", Err("zstd -q a.csv -o"), "my a.csv"),
+        ("my b.csv.xz", Err("xz -c a.csv >"), "my b.csv"),
+        ("my c.csv.bz2", Err("bzip2 -c a.csv >"), "my c.csv"),
+        ("my e.csv.gz", Err("gzip -c my\\ big.csv >"), "my e.csv"),
+        (
+            "my f.npy",
+            Err("python3 -c \"import numpy, sys; numpy.save(sys.argv[1], numpy.loadtxt('rows.csv', delimiter=','))\""),
+            "my f.npy.csv",
+        ),
+    ];
+    fs::write(system.path("rows.csv"), rows()).unwrap();
+    for (name, contents, result) in cases {
+        let file = system.path(name);
+        fs::write(system.path("a.csv"), &csv).unwrap();
+        match contents {
+            Ok(contents) => fs::write(&file, contents).unwrap(),
+            Err(pack) if !has_program(pack.split(' ').next().unwrap()) => {
+                eprintln!("skipped: no program for {pack}");
+                continue;
+            }
+            Err(pack) => {
+                let file = format!(
+                    "'{name}'{}",
+                    if pack.starts_with("tar") || pack.starts_with("zip") { " a.csv" } else { "" }
+                );
+                let output = shell(&system, &format!("{pack} {file}"));
+                assert!(output.status.success(), "{pack}: {}", text(&output.stderr));
+            }
+        }
+        fs::remove_file(system.path("a.csv")).unwrap();
+        let message = refusal(&file);
+        let command = commands(&message)[0];
+        if !has_program(command.split(' ').next().unwrap()) {
+            eprintln!("skipped: no program for {command}");
+            continue;
+        }
+        let output = shell(&system, command);
+        assert!(output.status.success(), "{command}: {}", text(&output.stderr));
+        if name.ends_with(".gz") {
+            // The packed file is in UTF-16, so its remedy follows.
+            assert!(refusal(&system.path(result)).contains("UTF-16BE"));
+        } else {
+            assert_read(&system.path(result), &[]);
+        }
+    }
 }
 
 #[test]
@@ -71,4 +164,76 @@ fn captured_sensor_streams_are_read_by_their_remedy() {
         let stdout = text(&output.stdout);
         assert!(stdout.contains("\"ticks_in\":100,"), "{line}: {stdout}{}", text(&output.stderr));
     }
+}
+
+#[test]
+fn text_with_constant_times_is_read_by_its_remedy() {
+    let system = System::new("");
+    let file = system.path("a b.csv");
+    let constant: String = rows().lines().map(|row| format!("5.0,{}\n", row.split_once(',').unwrap().1)).collect();
+    fs::write(&file, HEADER.replace("t_s", "time (s)") + &constant).unwrap();
+    let message = refusal(&file);
+    let line = commands(&message)[0].replacen("plumb up", "plumb up launch.toml --speed max --json", 1);
+    let output = shell(&system, &line);
+    let stdout = text(&output.stdout);
+    assert!(stdout.contains("\"ticks_in\":100,"), "{line}: {stdout}{}", text(&output.stderr));
+}
+
+/// Each command of the table of formats is run above, or is named as not run.
+#[test]
+fn every_conversion_is_in_a_list() {
+    let table = include_str!("../../tools/import/src/format.rs");
+    let run = [
+        "iconv",
+        "unzip",
+        "tar xf",
+        "gunzip",
+        "zstd -d",
+        "unxz",
+        "bunzip2",
+        "numpy.savetxt",
+        "rosbags-convert",
+        "plumb up",
+        "plumb record",
+        "--map",
+        "lines=True",
+        "writematrix",
+        "csvwrite",
+    ];
+    let strings: String = table.lines().filter(|line| !line.trim_start().starts_with("///")).collect();
+    for command in commands(&strings) {
+        let is_listed = run.iter().chain(&NOT_RUN).any(|listed| command.contains(listed));
+        assert!(is_listed, "{command} is neither run nor named as not run");
+    }
+}
+
+#[test]
+fn ros_1_bag_is_read_after_its_conversion() {
+    let Some(python) = python::python() else { return };
+    let system = System::new("");
+    let file: PathBuf = system.path("my walk.bag");
+    let script = "import sys, numpy
+from pathlib import Path
+from rosbags.rosbag1 import Writer
+from rosbags.typesys import Stores, get_typestore
+store = get_typestore(Stores.ROS1_NOETIC); types = store.types
+vector = types['geometry_msgs/msg/Vector3']
+with Writer(Path(sys.argv[1])) as writer:
+    topic = writer.add_connection('/imu', 'sensor_msgs/msg/Imu', typestore=store)
+    for n in range(100):
+        stamp = types['builtin_interfaces/msg/Time'](sec=10, nanosec=n * 10000000)
+        message = types['sensor_msgs/msg/Imu'](
+            types['std_msgs/msg/Header'](seq=n, stamp=stamp, frame_id='imu'),
+            types['geometry_msgs/msg/Quaternion'](0.0, 0.0, 0.0, 1.0), numpy.zeros(9),
+            vector(0.0, 0.0, 0.01 * n), numpy.zeros(9), vector(0.0, 0.0, 9.8), numpy.zeros(9))
+        writer.write(topic, 10**10 + n * 10**7, store.serialize_ros1(message, 'sensor_msgs/msg/Imu'))
+";
+    let output = Command::new(python).args(["-c", script]).arg(&file).output().unwrap();
+    assert!(output.status.success(), "{}", text(&output.stderr));
+    let message = refusal(&file);
+    // The script of the package is not on the path of a virtual environment that was moved.
+    let command = commands(&message)[0].replace("rosbags-convert", "python3 -m rosbags.convert");
+    let output = shell(&system, &command);
+    assert!(output.status.success(), "{message}: {}", text(&output.stderr));
+    assert_read(&system.path("my walk"), &[]);
 }
