@@ -128,6 +128,14 @@ fn text_of_loggers_is_read_from_standard_input() {
         let (ticks, code, stderr) = piped(&system, &contents, &source);
         assert_eq!((ticks, code), (rows, Some(0)), "{name}: {stderr}");
     }
+    // Bars, units in their own line, a final separator, and a counter of 16 bits that wraps.
+    let row = |n: u32| format!("{}|0|0|{}|0|0|1|\n", (n * 20 + 60_000) % 65_536, n % 7);
+    let contents = "ms|wx|wy|wz|fx|fy|fz\n[ms]|[deg/s]|[deg/s]|[deg/s]|[g]|[g]|[g]\n".to_owned();
+    let contents = contents + &(0..400).map(row).collect::<String>();
+    let source = format!("stdin?map=t=ms,{MAP}&clock=device&rate_hz=50");
+    let (ticks, code, stderr) = piped(&system, contents.as_bytes(), &source);
+    assert_eq!((ticks, code), (400, Some(0)), "{stderr}");
+    assert!(!stderr.contains("warning"), "{stderr}");
     let (ticks, code, stderr) = piped(&system, b"t,a,b\n0,1,2\n", "stdin?rate_hz=50");
     assert_eq!((ticks, code), (0, Some(1)), "{stderr}");
     assert!(stderr.contains("yielded no reading") && stderr.contains("name the columns with map"), "{stderr}");
