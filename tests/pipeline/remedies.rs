@@ -81,8 +81,8 @@ fn assert_read(file: &Path, arguments: &[&str]) {
     assert!(stdout.contains("100 samples at 100.0 Hz"), "{}: {stdout}{}", file.display(), text(&output.stderr));
 }
 
-/// Name of a file, its contents or the command that packs `a.csv` into it, and the file to which its
-/// remedy converts it.
+/// Name of a file, its contents or the command that packs `a.csv` into it, and the file that its
+/// remedy yields.
 type Case = (&'static str, Result<Vec<u8>, &'static str>, &'static str);
 
 #[test]
