@@ -91,7 +91,7 @@ fn conversions_of_refused_formats_yield_readable_files() {
     let csv = HEADER.to_owned() + &rows();
     let wide = |bytes: fn(u16) -> [u8; 2]| csv.encode_utf16().flat_map(bytes).collect::<Vec<u8>>();
     let utf_32: Vec<u8> = "\u{feff}".chars().chain(csv.chars()).flat_map(|c| u32::from(c).to_le_bytes()).collect();
-    let cases: [(&str, Result<Vec<u8>, &str>, &str); 11] = [
+    let cases: [Case; 11] = [
         ("my little.csv", Ok(wide(u16::to_le_bytes)), "my little.csv.csv"),
         ("my marked.csv", Ok([b"\xff\xfe".to_vec(), wide(u16::to_le_bytes)].concat()), "my marked.csv.csv"),
         ("my big.csv", Ok(wide(u16::to_be_bytes)), "my big.csv.csv"),
@@ -165,7 +165,7 @@ fn captured_sensor_streams_are_read_by_their_remedy() {
         let file = system.path(name);
         fs::write(&file, bytes).unwrap();
         let message = refusal(&file);
-        let line = commands(&message)[0].replacen("plumb up", "plumb up launch.toml --speed max --json", 1);
+        let line = commands(&message)[0].replacen("plumb up", "plumb up --launch launch.toml --speed max --json", 1);
         let output = shell(&system, &line);
         let stdout = text(&output.stdout);
         assert!(stdout.contains("\"ticks_in\":100,"), "{line}: {stdout}{}", text(&output.stderr));
@@ -179,7 +179,7 @@ fn text_with_constant_times_is_read_by_its_remedy() {
     let constant: String = rows().lines().map(|row| format!("5.0,{}\n", row.split_once(',').unwrap().1)).collect();
     fs::write(&file, HEADER.replace("t_s", "time (s)") + &constant).unwrap();
     let message = refusal(&file);
-    let line = commands(&message)[0].replacen("plumb up", "plumb up launch.toml --speed max --json", 1);
+    let line = commands(&message)[0].replacen("plumb up", "plumb up --launch launch.toml --speed max --json", 1);
     let output = shell(&system, &line);
     let stdout = text(&output.stdout);
     assert!(stdout.contains("\"ticks_in\":100,"), "{line}: {stdout}{}", text(&output.stderr));
