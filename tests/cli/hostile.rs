@@ -70,8 +70,8 @@ fn names_and_contents_of_files_are_escaped() {
             &["score", "sim:s1?duration_s=1", "--fuser", "vqf", "--launch", file],
             &["up", "--in-process", "--speed", "max", "--replay", file],
             &["up", "--in-process", "--speed", "max", "--out", file, "--replay", file],
-            &["up", file, "--for", "1s"],
-            &["config", "check", file],
+            &["up", "--launch", file, "--for", "1s"],
+            &["config", "check", "--launch", file],
             &["stage", "list", "--launch", file],
             &["calibrate", "gyro", file],
             &["detect", file],
@@ -93,9 +93,9 @@ fn values_of_launch_file_are_escaped() {
     let launch = system.path("launch.toml");
     let launch = launch.to_str().unwrap();
     for arguments in [
-        &["up", launch, "--for", "1s"][..],
-        &["up", launch, "--source", "sim", "--for", "1s", "--record", HOSTILE_FIELD],
-        &["config", "check", launch],
+        &["up", "--launch", launch, "--for", "1s"][..],
+        &["up", "--launch", launch, "--source", "sim", "--for", "1s", "--record", HOSTILE_FIELD],
+        &["config", "check", "--launch", launch],
         &["stage", "test", "evil", "--launch", launch],
         &["score", "sim:s1?duration_s=1", "--fuser", "evil", "--launch", launch],
     ] {
@@ -135,7 +135,7 @@ fn output_of_stage_program_is_escaped() {
         &["stage", "test", "exits", "--launch", launch][..],
         &["score", simulation, "--fuser", "steps", "--launch", launch],
         &["score", simulation, "--fuser", "steps", "--launch", launch, "--set", "q=1"],
-        &["up", launch, "--for", "1s"],
+        &["up", "--launch", launch, "--for", "1s"],
     ] {
         let output = assert_harmless(plumb(arguments).env("XDG_STATE_HOME", system.folder.path()));
         let text = String::from_utf8_lossy(&output.stderr);
@@ -146,7 +146,8 @@ fn output_of_stage_program_is_escaped() {
 #[test]
 fn lines_of_source_are_escaped() {
     let system = System::new("");
-    let mut command = plumb(&["up", system.path("launch.toml").to_str().unwrap(), "--source", "stdin?rate_hz=100"]);
+    let mut command =
+        plumb(&["up", "--launch", system.path("launch.toml").to_str().unwrap(), "--source", "stdin?rate_hz=100"]);
     command.env("XDG_STATE_HOME", system.folder.path()).stdin(Stdio::piped());
     let mut child = command.stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap();
     let header = format!("t,gx (deg/s),gy (rad/s),gz,ax,ay,az,{HOSTILE_FIELD}\n");

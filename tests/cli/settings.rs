@@ -46,7 +46,7 @@ fn colours_follow_option_and_environment() {
 fn quiet_run_prints_only_its_result_and_errors() {
     let system = System::new("");
     let run = |more: &[&str]| -> Output {
-        let mut command = plumb(&["up", "--speed", "max", "--for", "200ms"]);
+        let mut command = plumb(&["up", "--speed", "max", "--for", "200ms", "--launch"]);
         command.arg(system.path("launch.toml")).args(more).env("XDG_STATE_HOME", system.folder.path());
         command.output().unwrap()
     };

@@ -350,7 +350,7 @@ fn json_report_has_documented_keys() {
 fn stdout_is_empty_without_json() {
     let system = System::new("");
     for mode in [&[][..], &["--in-process"]] {
-        let mut command = plumb(&["up"]);
+        let mut command = plumb(&["up", "--launch"]);
         command.arg(system.path("launch.toml")).args(["--for", "1s", "--speed", "max"]).args(mode);
         assert_exits_with(command, 0, &["ticks    1000 in, 1000 out, 0 lost", "digest   "]);
     }

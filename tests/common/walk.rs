@@ -35,6 +35,8 @@ impl Walk {
 
 impl Drop for Walk {
     fn drop(&mut self) {
-        self.print(&format!("{} steps in {:.2} min", self.steps, self.started.elapsed().as_secs_f64() / 60.0));
+        if self.steps > 0 {
+            self.print(&format!("{} steps in {:.2} min", self.steps, self.started.elapsed().as_secs_f64() / 60.0));
+        }
     }
 }

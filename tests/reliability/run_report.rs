@@ -77,7 +77,7 @@ fn lost_ticks_are_reported_with_exit_code_1() {
     assert!(run.number("/lost") > 100.0, "{}", run.json);
     assert_failure(&run, &format!("{} of {} ticks were lost", run.number("/lost"), run.number("/ticks_in")));
 
-    let mut quiet = plumb(&["up"]);
+    let mut quiet = plumb(&["up", "--launch"]);
     quiet.arg(system.path("launch.toml"));
     let running = Running::spawn(quiet);
     system.wait_until_running();

@@ -54,13 +54,15 @@ impl MountingCalibrator {
     }
 
     pub(crate) fn coverage(&self) -> Coverage {
-        self.assess().1
+        self.assess(is_upright_pair).1
     }
 
-    fn assess(&self) -> (Option<Poses>, Coverage) {
+    /// Finds the poses among those that `is_pair` accepts as level and nose-down, and describes
+    /// what is missing.
+    fn assess(&self, is_pair: fn(&Rest, &Rest) -> bool) -> (Option<Poses>, Coverage) {
         let rests: Vec<_> = self.rests.rests().into_iter().filter(Rest::is_plausible_gravity).collect();
         let held: Vec<_> = rests.iter().filter(|rest| rest.duration_s() >= MIN_POSE_S).collect();
-        let poses = find_poses(&held);
+        let poses = find_poses(&held, is_pair);
         let mut missing = Vec::new();
         let share = match (&poses, held.last()) {
             (Some(_), _) => 1.0,
@@ -96,8 +98,12 @@ impl MountingCalibrator {
     }
 
     pub(crate) fn finish(&self) -> Result<Report, Rejection> {
-        let (poses, coverage) = self.assess();
-        let Some(poses) = poses.filter(|_| coverage.share >= 1.0) else {
+        let (mut poses, mut coverage) = self.assess(is_upright_pair);
+        let is_doubtful = poses.is_none();
+        if is_doubtful {
+            (poses, coverage) = self.assess(is_pair);
+        }
+        let Some(poses) = poses else {
             return Err(Rejection::incomplete(Kind::Mounting, coverage));
         };
         let Poses { level, nose_down } = &poses;
@@ -114,6 +120,13 @@ impl MountingCalibrator {
         let mut notes = vec![
             "the pose before the nose-down one is taken as level; the mounting is as accurate as the poses".into(),
         ];
+        if is_doubtful {
+            notes.push(
+                "only the later pose has an axis of the unit near the vertical; if it was the level one, repeat \
+                 with the level pose first"
+                    .into(),
+            );
+        }
         notes.extend(nearest_named(&matrix));
         Ok(Report {
             kind: "mounting",
@@ -142,23 +155,27 @@ impl MountingCalibrator {
     }
 }
 
-/// Returns the first pose that differs from an earlier one, as the nose-down pose, and the last of
-/// these earlier ones, as the level pose.
-fn find_poses(held: &[&Rest]) -> Option<Poses> {
+/// Returns the first pose that forms a pair with an earlier one, as the nose-down pose, and the last
+/// of these earlier ones, as the level pose.
+fn find_poses(held: &[&Rest], is_pair: fn(&Rest, &Rest) -> bool) -> Option<Poses> {
     held.iter().enumerate().find_map(|(index, nose_down)| {
         let level = held[..index].iter().rev().find(|level| is_pair(level, nose_down))?;
         Some(Poses { level: (*level).clone(), nose_down: (*nose_down).clone() })
     })
 }
 
-/// Returns `true` if the poses can be a level and a nose-down one.
-///
-/// A unit is usually mounted with an axis near the vertical. If that applies to the later pose
-/// only, the readings begin with a nose-down pose, and the later pose is the level one.
+/// Returns `true` if the angle between the poses is that of a level and a nose-down one.
 fn is_pair(level: &Rest, nose_down: &Rest) -> bool {
     let (min, max) = POSE_ANGLE_RANGE_DEG;
+    (min..=max).contains(&degrees_between(&level.force_m_s2(), &nose_down.force_m_s2()))
+}
+
+/// Returns `true` for a pair unless only the later pose has an axis of the unit near the vertical. A
+/// unit is usually mounted with such an axis, so these readings probably begin with a nose-down
+/// pose, and the later pose is the level one.
+fn is_upright_pair(level: &Rest, nose_down: &Rest) -> bool {
     let is_reversed = axis_angle_deg(level) > MAX_LEVEL_AXIS_DEG && axis_angle_deg(nose_down) < MAX_NAMED_ANGLE_DEG;
-    (min..=max).contains(&degrees_between(&level.force_m_s2(), &nose_down.force_m_s2())) && !is_reversed
+    is_pair(level, nose_down) && !is_reversed
 }
 
 /// Returns the angle between the vertical and the nearest axis of the unit, degrees.

@@ -93,5 +93,8 @@ pub enum IioError {
 }
 
 fn names(available: &[String]) -> String {
-    if available.is_empty() { "no devices".into() } else { format!("{available:?}") }
+    if available.is_empty() {
+        return "no devices".into();
+    }
+    foreign::list(&available.iter().map(|name| foreign::ForeignText::from(name.as_str())).collect::<Vec<_>>())
 }
