@@ -254,7 +254,7 @@ fn replay_starts_no_program_of_an_untrusted_flight() {
     assert!(started, "{stderr}");
     fs::remove_file(&trace).unwrap();
     let launch = system.path("launch.toml");
-    let (_, stderr, started) = replay(&["--", launch.to_str().unwrap()]);
+    let (_, stderr, started) = replay(&["--launch", launch.to_str().unwrap()]);
     assert!(started, "{stderr}");
 }
 
