@@ -22,8 +22,8 @@ const REQUEST_TIMEOUT_MS = 180_000;
 /** The browser of all pages, started on demand and replaced if it ends. */
 let browser;
 /**
- * Pages by number: the page, its context, the session that collects its metrics, and its errors,
- * including requests to other hosts.
+ * Pages by number: the page, its context, the session that collects its metrics, its errors,
+ * including requests to other hosts, and its requests that failed.
  */
 const pages = new Map();
 
@@ -42,6 +42,7 @@ const verbs = {
       const target = new URL(request.url());
       if (target.hostname !== "127.0.0.1") own.errors.push(`a request to ${target.host}`);
     });
+    page.on("requestfailed", (request) => own.failed.push(`${request.url()}: ${request.failure()?.errorText}`));
     await page.addInitScript(() => {
       globalThis.written = [];
       const own = CanvasRenderingContext2D.prototype.fillText;
@@ -64,11 +65,12 @@ const verbs = {
   },
   async eval({ page }, { code }) { return (await page.evaluate(code)) ?? null; },
   // waitForFunction is forbidden by the page's content security policy.
-  async until({ page }, { code }) {
+  async until({ page, errors, failed }, { code }) {
     for (const end = Date.now() + 60_000; Date.now() < end; await page.waitForTimeout(50)) {
       if (await page.evaluate(code)) return null;
     }
-    throw new Error(`condition not met within 60 s: ${code}`);
+    const state = await page.evaluate("document.getElementById('state')?.textContent");
+    throw new Error(`condition not met within 60 s: ${code}; state ${state}, errors ${JSON.stringify(errors)}, failed requests ${JSON.stringify(failed)}`);
   },
   async key({ page }, { key }) { await page.keyboard.press(key); return null; },
   async click({ page }, { at }) { await page.click(at); return null; },
@@ -134,7 +136,7 @@ function within(timeout_ms, promise) {
 
 /** Executes a request and writes its reply. */
 async function handle(request) {
-  if (!pages.has(request.page)) pages.set(request.page, { errors: [] });
+  if (!pages.has(request.page)) pages.set(request.page, { errors: [], failed: [] });
   const { number } = request;
   try {
     console.log(JSON.stringify({ number, ok: await within(REQUEST_TIMEOUT_MS, verbs[request.do](pages.get(request.page), request)) }));
