@@ -21,6 +21,9 @@ use crate::{
     topics::{StopCondition, observer},
 };
 
+/// Column at which the details of a check begin.
+const DETAIL_COLUMN: usize = 25;
+
 /// Arguments of `plumb doctor`.
 #[derive(Args)]
 #[command(after_help = "\
@@ -78,7 +81,7 @@ pub(crate) fn run(DoctorCommand { system, fix, duration }: DoctorCommand) -> Exi
     let printed = if system.json {
         print(&serde_json::to_string(&diagnosis).unwrap_or_default())
     } else {
-        print(&colored_results(&diagnosis))
+        print(&colored_results(&diagnosis, DETAIL_COLUMN))
     };
     if diagnosis.count(Severity::Problem) > 0 { ExitCode::FAILURE } else { printed }
 }

@@ -6,8 +6,9 @@ use std::{
 };
 
 use clap::ColorChoice;
-use console::{Color, Style};
+use console::{Color, Style, Term};
 use indicatif::{ProgressBar, ProgressStyle};
+use textwrap::Options;
 
 /// First words of a line that state the result of a check, with their colours.
 const RESULTS: [(&str, Color); 4] =
@@ -50,9 +51,10 @@ pub(crate) fn progress_bar(length: u64, template: &str) -> ProgressBar {
     bar.with_style(style)
 }
 
-/// Returns the lines with the result of each check in colour, if standard output shows colours.
-pub(crate) fn colored_results(lines: &dyn Display) -> String {
-    let lines = lines.to_string();
+/// Returns the lines with the result of each check in colour, if standard output shows colours. On a
+/// terminal, long lines continue below column `indent`.
+pub(crate) fn colored_results(lines: &dyn Display, indent: usize) -> String {
+    let lines = wrapped(&lines.to_string(), indent);
     let colored = lines.lines().map(|line| {
         let text = line.trim_start();
         let result = RESULTS.iter().find(|(word, _)| text.split(' ').next() == Some(word));
@@ -65,4 +67,20 @@ pub(crate) fn colored_results(lines: &dyn Display) -> String {
         }
     });
     colored.collect::<Vec<_>>().join("\n")
+}
+
+/// Wraps lines at the width of the terminal, except remedies, whose commands are pasted into a shell.
+/// Text that is not for a terminal is unchanged.
+fn wrapped(text: &str, indent: usize) -> String {
+    let terminal = Term::stdout();
+    if !terminal.is_term() {
+        return text.to_owned();
+    }
+    let indent = " ".repeat(indent);
+    let options = Options::new(terminal.size().1.into()).subsequent_indent(&indent).break_words(false);
+    let fill = |line: &str| match line.trim_start().starts_with('→') {
+        true => line.to_owned(),
+        false => textwrap::fill(line, &options),
+    };
+    text.lines().map(fill).collect::<Vec<_>>().join("\n")
 }

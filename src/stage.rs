@@ -206,7 +206,7 @@ fn test(slot: Option<Slot>, names: &[String], launch: &LaunchArgs, time: Option<
         notice("checks were left out for lack of time; to run all: --complete");
     }
     for report in reports.iter().filter(|_| !json) {
-        if print(&colored_results(report)) != ExitCode::SUCCESS {
+        if print(&colored_results(report, 4)) != ExitCode::SUCCESS {
             return ExitCode::FAILURE;
         }
     }

@@ -1,7 +1,9 @@
-//! `plumb top` in a terminal.
+//! `plumb top`, and the width of tables, in a terminal.
 use rustix::process::Signal;
 
-use crate::common::{Running, System, is_alive, plumb, signal, terminal::TerminalProgram, wait_for};
+use crate::common::{
+    Running, System, is_alive, output_on_terminal, plumb, signal, terminal::TerminalProgram, wait_for,
+};
 
 fn start_system(system: &System) -> Running {
     let running = system.start(&[]);
@@ -144,4 +146,19 @@ fn top_prints_lines_on_request_or_dumb_terminal() {
     }
     running.interrupt();
     running.wait().assert_complete();
+}
+
+#[test]
+fn tables_fit_80_columns_of_terminal() {
+    let system = System::new("");
+    let running = start_system(&system);
+    for arguments in [&["ps"][..], &["topic", "list"], &["doctor", "--for", "200ms"]] {
+        let output = output_on_terminal(&[arguments, &["--color", "never", "--system", &system.name]].concat());
+        let text = String::from_utf8_lossy(&output.stdout).into_owned();
+        assert!(text.contains("course") || text.contains("attitude"), "{text}");
+        // Remedies are not wrapped, so that their commands can be pasted.
+        let long = text.lines().map(str::trim_end).find(|line| line.chars().count() > 80 && !line.contains('→'));
+        assert_eq!(long, None, "{text}");
+    }
+    drop(running);
 }

@@ -342,10 +342,15 @@ pub(crate) fn plumb(arguments: &[&str]) -> Command {
     command
 }
 
-/// Returns the output of `plumb` in a terminal of 24 lines and 80 columns.
-pub(crate) fn run_on_terminal(arguments: &[&str]) -> String {
+/// Runs `plumb` in a terminal of 24 lines and 80 columns.
+pub(crate) fn output_on_terminal(arguments: &[&str]) -> Output {
     let script = format!("stty rows 24 cols 80; exec {} {}", program().display(), arguments.join(" "));
-    let output = Command::new("script").args(["-qec", &script, "/dev/null"]).stdin(Stdio::null()).output().unwrap();
+    Command::new("script").args(["-qec", &script, "/dev/null"]).stdin(Stdio::null()).output().unwrap()
+}
+
+/// Returns the output of `plumb`, which succeeds, in a terminal of 24 lines and 80 columns.
+pub(crate) fn run_on_terminal(arguments: &[&str]) -> String {
+    let output = output_on_terminal(arguments);
     let text = String::from_utf8_lossy(&output.stdout).into_owned();
     assert!(output.status.success(), "{text}");
     text

@@ -35,12 +35,12 @@ impl TopicInfo {
         let count = |field: fn(&Ports) -> usize| ports.as_ref().map_or("-".into(), |ports| field(ports).to_string());
         let (publishers, subscribers) = (count(|ports| ports.publishers.len()), count(|ports| ports.subscribers.len()));
         let buffer = count(|ports| ports.buffer);
-        format!("{name:<12}{:<30}{publishers:>11}{subscribers:>12}{buffer:>8}{rate:>10}", layout.name)
+        format!("{name:<12}{:<28}{publishers:>11}{subscribers:>12}{buffer:>7}{rate:>9}", layout.name)
     }
 
     /// Returns the header of the table.
     pub fn table_header() -> String {
-        format!("{:<12}{:<30}{:>11}{:>12}{:>8}{:>10}", "topic", "type", "publishers", "subscribers", "buffer", "Hz")
+        format!("{:<12}{:<28}{:>11}{:>12}{:>7}{:>9}", "topic", "type", "publishers", "subscribers", "buffer", "Hz")
     }
 
     /// Returns the topic as an entry of the JSON list.
