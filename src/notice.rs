@@ -69,7 +69,7 @@ pub(crate) fn colored_results(lines: &dyn Display, indent: usize) -> String {
     colored.collect::<Vec<_>>().join("\n")
 }
 
-/// Wraps lines at the width of the terminal, except remedies, whose commands are pasted into a shell.
+/// Wraps lines at the width of the terminal, except remedies, because their commands are pasted.
 /// Text that is not for a terminal is unchanged.
 fn wrapped(text: &str, indent: usize) -> String {
     let terminal = Term::stdout();
