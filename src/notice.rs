@@ -51,8 +51,9 @@ pub(crate) fn progress_bar(length: u64, template: &str) -> ProgressBar {
     bar.with_style(style)
 }
 
-/// Returns the lines with the result of each check in colour, if standard output shows colours. On a
-/// terminal, long lines continue below column `indent`.
+/// Returns the lines with the result of each check in colour, if standard output shows colours.
+///
+/// On a terminal, long lines continue below column `indent`.
 pub(crate) fn colored_results(lines: &dyn Display, indent: usize) -> String {
     let lines = wrapped(&lines.to_string(), indent);
     let colored = lines.lines().map(|line| {

@@ -155,8 +155,8 @@ impl MountingCalibrator {
     }
 }
 
-/// Returns the first pose that forms a pair with an earlier one, as the nose-down pose, and the last
-/// of these earlier ones, as the level pose.
+/// Returns the first pose that forms a pair with an earlier one, as the nose-down pose, and the
+/// last of these earlier ones, as the level pose.
 fn find_poses(held: &[&Rest], is_pair: fn(&Rest, &Rest) -> bool) -> Option<Poses> {
     held.iter().enumerate().find_map(|(index, nose_down)| {
         let level = held[..index].iter().rev().find(|level| is_pair(level, nose_down))?;
@@ -170,9 +170,9 @@ fn is_pair(level: &Rest, nose_down: &Rest) -> bool {
     (min..=max).contains(&degrees_between(&level.force_m_s2(), &nose_down.force_m_s2()))
 }
 
-/// Returns `true` for a pair unless only the later pose has an axis of the unit near the vertical. A
-/// unit is usually mounted with such an axis, so these readings probably begin with a nose-down
-/// pose, and the later pose is the level one.
+/// Returns `true` for a pair unless only the later pose has an axis of the unit near the vertical.
+/// Most units are mounted with such an axis, so the readings probably begin with a nose-down pose,
+/// and the later pose is the level one.
 fn is_upright_pair(level: &Rest, nose_down: &Rest) -> bool {
     let is_reversed = axis_angle_deg(level) > MAX_LEVEL_AXIS_DEG && axis_angle_deg(nose_down) < MAX_NAMED_ANGLE_DEG;
     is_pair(level, nose_down) && !is_reversed
