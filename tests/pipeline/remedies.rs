@@ -141,6 +141,15 @@ fn conversions_of_refused_formats_yield_readable_files() {
     }
 }
 
+/// Asserts that the first command of the remedy for a file reads its 100 readings.
+fn assert_remedy_reads(system: &System, file: &Path) {
+    let message = refusal(file);
+    let line = commands(&message)[0].replacen("plumb up", "plumb up --launch launch.toml --speed max --json", 1);
+    let output = shell(system, &line);
+    let stdout = text(&output.stdout);
+    assert!(stdout.contains("\"ticks_in\":100,"), "{line}: {stdout}{}", text(&output.stderr));
+}
+
 #[test]
 fn captured_sensor_streams_are_read_by_their_remedy() {
     let system = System::new("");
@@ -164,11 +173,7 @@ fn captured_sensor_streams_are_read_by_their_remedy() {
     for (name, bytes) in [("witmotion.bin", witmotion), ("xsens.bin", xsens)] {
         let file = system.path(name);
         fs::write(&file, bytes).unwrap();
-        let message = refusal(&file);
-        let line = commands(&message)[0].replacen("plumb up", "plumb up --launch launch.toml --speed max --json", 1);
-        let output = shell(&system, &line);
-        let stdout = text(&output.stdout);
-        assert!(stdout.contains("\"ticks_in\":100,"), "{line}: {stdout}{}", text(&output.stderr));
+        assert_remedy_reads(&system, &file);
     }
 }
 
@@ -178,11 +183,7 @@ fn text_with_constant_times_is_read_by_its_remedy() {
     let file = system.path("a b.csv");
     let constant: String = rows().lines().map(|row| format!("5.0,{}\n", row.split_once(',').unwrap().1)).collect();
     fs::write(&file, HEADER.replace("t_s", "time (s)") + &constant).unwrap();
-    let message = refusal(&file);
-    let line = commands(&message)[0].replacen("plumb up", "plumb up --launch launch.toml --speed max --json", 1);
-    let output = shell(&system, &line);
-    let stdout = text(&output.stdout);
-    assert!(stdout.contains("\"ticks_in\":100,"), "{line}: {stdout}{}", text(&output.stderr));
+    assert_remedy_reads(&system, &file);
 }
 
 /// Each command of the table of formats is run above, or is named as not run.

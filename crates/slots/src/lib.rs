@@ -19,7 +19,7 @@ pub mod gyro;
 mod true_north;
 
 use launch::Slot;
-use runtime::{RuntimeError, ServiceContext, ServiceLoop, SlotLoop};
+use runtime::{RuntimeError, ServiceConfig, ServiceContext, ServiceLoop, SlotInputs, SlotLoop, SlotProcessor};
 
 /// Starts the main loop of the service of a slot.
 ///
@@ -27,23 +27,19 @@ use runtime::{RuntimeError, ServiceContext, ServiceLoop, SlotLoop};
 ///
 /// Returns an error if the configuration is invalid, the stage cannot be built, or the bus fails.
 pub fn start(slot: Slot, context: ServiceContext) -> Result<Box<dyn ServiceLoop>, RuntimeError> {
-    let config = &context.config;
-    Ok(match slot {
-        Slot::Gyro => {
-            let (slot, inputs) = (gyro::slot(config)?, gyro::subscribe(&context)?);
-            Box::new(SlotLoop::start(context, slot, inputs)?)
-        }
-        Slot::Accel => {
-            let (slot, inputs) = (accel::slot(config)?, accel::subscribe(&context)?);
-            Box::new(SlotLoop::start(context, slot, inputs)?)
-        }
-        Slot::Fuser => {
-            let (slot, inputs) = (fuser::slot(config)?, fuser::subscribe(&context)?);
-            Box::new(SlotLoop::start(context, slot, inputs)?)
-        }
-        Slot::Course => {
-            let (slot, inputs) = (course::slot(config)?, course::subscribe(&context)?);
-            Box::new(SlotLoop::start(context, slot, inputs)?)
-        }
-    })
+    match slot {
+        Slot::Gyro => start_loop(context, gyro::slot, gyro::subscribe),
+        Slot::Accel => start_loop(context, accel::slot, accel::subscribe),
+        Slot::Fuser => start_loop(context, fuser::slot, fuser::subscribe),
+        Slot::Course => start_loop(context, course::slot, course::subscribe),
+    }
+}
+
+fn start_loop<S: SlotProcessor + 'static>(
+    context: ServiceContext,
+    slot: fn(&ServiceConfig) -> Result<S, RuntimeError>,
+    subscribe: fn(&ServiceContext) -> Result<SlotInputs<S::Input>, RuntimeError>,
+) -> Result<Box<dyn ServiceLoop>, RuntimeError> {
+    let (slot, inputs) = (slot(&context.config)?, subscribe(&context)?);
+    Ok(Box::new(SlotLoop::start(context, slot, inputs)?))
 }
