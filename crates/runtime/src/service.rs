@@ -28,8 +28,8 @@ pub fn serve(service: &mut dyn ServiceLoop) -> Result<(), RuntimeError> {
 
 /// Main loop of a service.
 ///
-/// The services use it as a trait object. The generic [`SlotLoop`] is therefore compiled only in the
-/// crate `slots`, which creates it.
+/// The services use it as a trait object. The generic [`SlotLoop`] is therefore compiled only in
+/// the crate `slots`, which creates it.
 pub trait ServiceLoop {
     /// Handles all available messages and decisions, and publishes what is due.
     ///
