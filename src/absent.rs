@@ -140,7 +140,7 @@ pub(crate) mod remote {
         }
     }
 
-    /// Link, vehicle or topic, of which this build has none.
+    /// Link, vehicle or topic. None of them exists in this build.
     pub(crate) enum Absent {}
 
     pub(crate) use Absent as RemoteVehicle;

@@ -1,4 +1,4 @@
-//! `plumb config`: checks and shows launch files, and derives settings of systemd from them.
+//! `plumb config`: checks and shows launch files, and derives systemd settings from them.
 
 use std::{fs, process::ExitCode};
 

@@ -1,4 +1,4 @@
-//! `plumb demo`: a tumble, kills and swaps, explained in a minute.
+//! `plumb demo`: a one-minute demonstration of a tumble, kills and swaps.
 
 use std::{ops::ControlFlow, process::ExitCode};
 

@@ -26,7 +26,7 @@ use crate::{
 
 /// Time limit for the start of every service.
 const START_TIMEOUT: Duration = Duration::from_secs(60);
-/// Time limit for the end of a system. The supervisor kills services that do not end before.
+/// Time limit for the end of a system. The supervisor kills services that have not ended by then.
 const END_TIMEOUT: Duration = Duration::from_secs(30);
 /// Interval between two checks.
 const POLL_INTERVAL: Duration = Duration::from_millis(50);

@@ -19,7 +19,7 @@ use crate::{
     stdout::print,
 };
 
-/// Number of samples from which on a segment has a time interval.
+/// Minimum number of samples for a segment to have a time interval.
 const MIN_SEGMENT_SAMPLES: u64 = 2;
 
 /// Arguments of `plumb import`.
@@ -71,7 +71,7 @@ pub(crate) struct ReadOptions {
     /// Segment to read if the clock of the log goes back [default: longest]
     #[arg(long, value_name = "N")]
     segment: Option<usize>,
-    /// Width of the times of the CSV in bits if they wrap, such as 32
+    /// Bits of the CSV's time counter if it wraps, such as 32
     #[arg(long, value_name = "BITS", value_parser = clap::value_parser!(u8).range(1..64))]
     time_bits: Option<u8>,
     /// Inertial sensor to read, from 0 [default: first that works]
@@ -183,7 +183,8 @@ pub(crate) struct ReadableFile {
 }
 
 impl ReadableFile {
-    /// Opens a recording, importing it first if it is a foreign log or its rows need care.
+    /// Opens a recording, importing it first if it is a foreign log or some of its rows are
+    /// damaged.
     pub(crate) fn open(path: &Path, reading: &ReadOptions, sensors: SensorNumbers) -> Result<Self, ImportError> {
         Ok(Self::open_announced(path, reading, sensors)?.0)
     }
@@ -274,7 +275,7 @@ impl ReadableFile {
         }
     }
 
-    /// Prints the warning that belongs at the end of the run, if there is one.
+    /// Prints the warning that was deferred to the end of the run, if any.
     pub(crate) fn announce_warning(&self) {
         self.warning.iter().for_each(announce_warning);
     }

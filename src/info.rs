@@ -67,7 +67,7 @@ struct RecordingInfo {
     rate_hz: f64,
     seconds: f64,
     has_reference: bool,
-    /// Parts between restarts of the clock.
+    /// Segments between restarts of the clock.
     segments: Vec<SegmentInfo>,
     sensors: Vec<SensorInfo>,
     /// Skipped, missing or implausible data.
@@ -103,7 +103,8 @@ pub(crate) fn run(Info { file, json, reading, sensors }: &Info) -> ExitCode {
                 let info = FlightInfo::read(file)?;
                 let printed = show(&info, *json);
                 if !*json && !flight::is_flight(file) {
-                    // Segments, dead sensors and constant times show only in the samples.
+                    // Segments, dead sensors and constant timestamps are detected only from the
+                    // samples.
                     if let Ok(samples) = read_foreign_log(file, reading, *sensors) {
                         print(&samples);
                     }
@@ -146,7 +147,7 @@ fn read_recording(file: &Path) -> Result<RecordingInfo, RecordingError> {
     Ok(RecordingInfo { file, format, rows, rate_hz, seconds, has_reference, segments, sensors, notes, text })
 }
 
-/// Returns a note for each quantity that rows of a recording lack: a number is not finite.
+/// Returns a note for each quantity with missing values, which are stored as non-finite numbers.
 fn missing_values(file: &Path) -> Result<Vec<String>, RecordingError> {
     let (mut rows, mut without_rate, mut without_force) = (0, 0, 0);
     for row in recording::Reader::open(file)? {

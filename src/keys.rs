@@ -38,7 +38,7 @@ Examples:
         #[command(flatten)]
         issue: IssueArgs,
     },
-    /// Create a certificate with which a vehicle publishes and takes commands
+    /// Create a vehicle's certificate, to publish and receive commands
     #[command(after_help = "\
 Examples:
   plumb keys vehicle alpha
@@ -54,13 +54,13 @@ Examples:
         #[arg(long, value_name = "VEHICLE")]
         imports: Vec<String>,
     },
-    /// Create an operator's certificate, to read everything and command
+    /// Create an operator's certificate, to read all data and send commands
     #[command(after_help = "\
 Examples:
   plumb keys operator ann
   plumb keys operator ann --days 30 --force   # renews it")]
     Operator(PartyArgs),
-    /// Create a viewer's certificate, to read everything
+    /// Create a viewer's certificate, to read all data
     #[command(after_help = "\
 Examples:
   plumb keys viewer wall

@@ -105,7 +105,7 @@ enum Command {
     Down(detached::Down),
     /// Print the messages of a system in the background
     Logs(detached::Logs),
-    /// Show a tumble, kills and swaps, explained in a minute
+    /// Run a one-minute demo of a tumble, kills and swaps
     Demo(demo::DemoCommand),
     /// Score stages on recordings: errors and cost per update
     Score(Box<score::Score>),
@@ -189,7 +189,7 @@ Examples:
         #[command(subcommand)]
         command: keys::Command,
     },
-    /// Check and show launch files, and derive settings of systemd
+    /// Check and show launch files, and derive systemd settings
     #[command(after_help = "\
 Examples:
   plumb config check --launch launch.toml

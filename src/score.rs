@@ -87,7 +87,7 @@ pub(crate) struct Score {
     /// Reference attitude t_s,qw,qx,qy,qz (body to east-north-up)
     #[arg(long, value_name = "FILE")]
     reference: Option<PathBuf>,
-    /// Attitudes of another program to score, too; repeatable
+    /// Attitudes of another program to score as well; repeatable
     #[arg(long = "estimate", value_name = "NAME=FILE", value_parser = parse_estimate)]
     estimates: Vec<(String, PathBuf)>,
     /// Estimate with an arbitrary heading, repeatable
@@ -96,7 +96,7 @@ pub(crate) struct Score {
     /// Meaning of a rate sample: mean or end value [default: means]
     #[arg(long, value_name = "means|instants")]
     gyro_samples: Option<Samples>,
-    /// Folder for t_s,qw,qx,qy,qz of each tick, one TRIAL.csv each
+    /// Folder for attitudes: a TRIAL.csv of t_s,qw,qx,qy,qz per trial
     #[arg(long, value_name = "DIR")]
     out_dir: Option<PathBuf>,
     /// Folder for estimates (fused, gyro-only, accel-only) and reference
@@ -117,7 +117,7 @@ pub(crate) struct Score {
     /// Self-contained HTML page with attitudes, errors and recommendation
     #[arg(long, value_name = "FILE.html")]
     report: Option<PathBuf>,
-    /// Range of a parameter in which to search the smallest error
+    /// Parameter range to search for the smallest error
     #[arg(long, value_name = "KEY=A..B")]
     tune: Option<SettingRange>,
     /// Print errors of angles, course and bias, drift and normalised errors
@@ -324,7 +324,6 @@ fn command_line() -> String {
     ["plumb".to_owned()].into_iter().chain(words.map(quoted)).collect::<Vec<_>>().join(" ")
 }
 
-/// Returns the style of the progress bar, which is drawn only on a terminal.
 fn parse_set(text: &str) -> Result<Set, String> {
     let is_range = text.split_once('=').is_some_and(|(_, value)| value.contains(".."));
     if is_range { text.parse().map(Set::Range) } else { text.parse().map(Set::Value) }

@@ -51,11 +51,11 @@ Exit codes: 0 all stages pass, 1 otherwise, 2 unknown stage.")]
         /// Slot to test: gyro, accel, fuser or course [default: all]
         #[arg(long, value_parser = parse_slot)]
         slot: Option<Slot>,
-        /// Stages to test [default: all built-in ones]
+        /// Stages to test [default: all built-in stages]
         names: Vec<String>,
         #[command(flatten)]
         launch: LaunchArgs,
-        /// Time for the checks of own stages
+        /// Time limit for the checks of user-defined stages
         #[arg(long = "for", value_name = "TIME", default_value = "1m", value_parser = duration)]
         duration: Duration,
         /// Run all checks, which takes minutes for a stage in a slow language

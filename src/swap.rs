@@ -137,7 +137,7 @@ pub(crate) fn shadow(shadow: Shadow) -> ExitCode {
 }
 
 /// Returns the text of an error. If the system is not running because its last run failed or was
-/// killed, the text reports that end.
+/// killed, the text includes how it ended.
 fn with_last_run(error: &ControlError) -> String {
     let name = if let ControlError::NotRunning { name, .. } = error { Some(name) } else { None };
     match name.and_then(|name| LastRun::read(name)) {

@@ -39,7 +39,7 @@ pub(crate) struct Mavlink {
     /// Attitudes per second of source time, Hz, 0.1 to 1000
     #[arg(long, value_name = "HZ", default_value_t = 50.0, value_parser = rate_hz)]
     rate_hz: f64,
-    /// MAVLink system id, that of the autopilot if there is one
+    /// MAVLink system id; use the autopilot's if there is one
     #[arg(long, value_name = "1…255", default_value_t = 1, value_parser = clap::value_parser!(u8).range(1..))]
     system_id: u8,
     /// MAVLink component id: 191 for an onboard computer, 1 for a vehicle

@@ -86,7 +86,7 @@ impl Ros {
     }
 }
 
-/// Opens a session with a router of rmw_zenoh. Without a router, nodes of ROS 2 do not find each
+/// Opens a session with an rmw_zenoh router. Without a router, ROS 2 nodes do not discover each
 /// other.
 pub(super) fn open_router_link(endpoint: &EndpointArgs) -> Result<Link, BridgeError> {
     let endpoint = endpoint.endpoint();

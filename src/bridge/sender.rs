@@ -50,7 +50,7 @@ pub(super) enum BridgeError {
     #[cfg(feature = "network")]
     #[error(transparent)]
     Link(#[from] link::LinkError),
-    /// No session with a router of rmw_zenoh.
+    /// No session with an rmw_zenoh router could be opened.
     #[cfg(feature = "network")]
     #[error("no rmw_zenoh router: {cause}\n{START_ROUTER}, or set its endpoint with --connect")]
     NoRouter { cause: link::LinkError },
@@ -66,13 +66,13 @@ pub(super) enum BridgeError {
     Launch(#[from] LaunchError),
 }
 
-/// Running system with the observer of a bridge.
+/// Running system and the observer that a bridge has attached to it.
 pub(super) struct AttachedSystem {
     pub(super) name: String,
     pub(super) observer: Observer,
 }
 
-/// Command that starts the router of rmw_zenoh.
+/// Command that starts an rmw_zenoh router.
 #[cfg(feature = "network")]
 pub(super) const START_ROUTER: &str = "start it with `ros2 run rmw_zenoh_cpp rmw_zenohd`";
 

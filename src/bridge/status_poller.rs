@@ -1,4 +1,4 @@
-//! Statuses of the services, requested in a thread.
+//! Requests the statuses of the services in a separate thread.
 //!
 //! - Input: the control socket of the system.
 //! - Output: the newest statuses.
@@ -13,8 +13,8 @@ use std::{
 
 use control::{ControlError, ControlRequest, ServiceStatus, send_request};
 
-/// Pause before each request. Together with the wait for the reader it limits the number of
-/// requests, and the age of a result that is read once per second.
+/// Pause before each request. It limits the rate of requests. A result waits until it is read, so
+/// one that is read once per second is at most about a second old.
 const REQUEST_PAUSE: Duration = Duration::from_millis(500);
 
 type Statuses = Result<Vec<ServiceStatus>, ControlError>;
@@ -23,9 +23,10 @@ type Statuses = Result<Vec<ServiceStatus>, ControlError>;
 pub(super) struct StatusPoller(Receiver<Statuses>);
 
 impl StatusPoller {
-    /// Starts the thread. It ends at its first result after the poller was dropped.
+    /// Starts the thread. It ends at its first result after the poller is dropped.
     pub(super) fn start(system: &str) -> Self {
-        // Without a buffer, the thread requests the next result after this one was read.
+        // The channel has no buffer, so the thread sends its next request only after this result
+        // was read.
         let (results, receiver) = sync_channel(0);
         let system = system.to_owned();
         thread::spawn(move || {

@@ -193,7 +193,7 @@ impl CalibrateError {
 /// Collects readings for a calibration.
 enum Collector {
     Errors(Calibrator),
-    /// Noise, and the fuser that is to have its parameters.
+    /// Noise, and the name of the fuser stage for which parameters are computed.
     Noise(NoiseCalibrator, String),
 }
 

@@ -54,7 +54,7 @@ pub(crate) struct View {
     /// Local address, or the next free port [default: 127.0.0.1:8088]
     #[arg(long, value_name = "ADDRESS", value_parser = parse_address)]
     listen: Option<SocketAddr>,
-    /// Folder of `plumb keys vehicle NAME --host HOST` for serving by TLS
+    /// Folder of `plumb keys vehicle NAME --host HOST` for serving over TLS
     #[arg(long, value_name = "FOLDER")]
     tls: Option<PathBuf>,
     /// Print a read-only address, which cannot send commands

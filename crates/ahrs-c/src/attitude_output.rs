@@ -21,11 +21,11 @@ pub struct PlumblineAttitude {
     /// Unit quaternion from body to reference axes, w x y z: v_ref = q v_body q*. In the native
     /// frame, its sign is continuous with that of the previous attitude.
     pub quaternion: [f64; 4],
-    /// Yaw by the convention of the frame, rad. Native: counter-clockwise from above.
+    /// Yaw by the convention of the frame, rad. In the native frame counter-clockwise from above.
     pub yaw_rad: f64,
-    /// Pitch by the convention of the frame, rad. Native: nose up.
+    /// Pitch by the convention of the frame, rad. In the native frame nose up.
     pub pitch_rad: f64,
-    /// Roll by the convention of the frame, rad. Native: right side down.
+    /// Roll by the convention of the frame, rad. In the native frame right side down.
     pub roll_rad: f64,
     /// Heading in every frame, rad, clockwise from above, [0, 2 pi).
     pub heading_rad: f64,
@@ -37,7 +37,7 @@ pub struct PlumblineAttitude {
     pub declination_rad: f64,
     /// Body rate with the bias removed, rad/s, body axes of the frame.
     pub rate_rad_s: [f64; 3],
-    /// Bias of the gyro, rad/s, body axes of the frame; zero if the stage does not estimate it.
+    /// Estimated gyro bias, rad/s, body axes of the frame; zero if the stage does not estimate it.
     pub gyro_bias_rad_s: [f64; 3],
     /// Angle between the up directions of accelerometer and attitude, rad.
     pub innovation_rad: f64,
@@ -49,7 +49,7 @@ pub struct PlumblineAttitude {
     pub flags: u64,
     /// Number of accepted samples before this one.
     pub tick: u64,
-    /// Time of the attitude, ns: the time stamps of the samples without the leaps of their clock.
+    /// Time of the attitude, ns: the time stamps of the samples with jumps of the clock removed.
     pub t_ns: i64,
     /// PlumblineHeadingReference: direction in which the heading is zero.
     pub heading_reference: u32,

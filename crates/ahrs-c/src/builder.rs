@@ -18,7 +18,7 @@ use crate::{
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 #[repr(u32)]
 pub enum PlumblineBody {
-    /// Right, forward, up: native.
+    /// Right, forward, up. This is the native order.
     Rfu = 0,
     /// Forward, left, up.
     Flu = 1,
@@ -104,7 +104,7 @@ impl PlumblineBuilder {
         Self { builder: AhrsBuilder::new().fuser(Fuser::MultipleModel(MultipleModel::default())) }
     }
 
-    /// Applies a change. If it fails, the builder is unchanged.
+    /// Applies a change. If the change fails, the builder remains unchanged.
     fn change(
         &mut self,
         change: impl FnOnce(AhrsBuilder<Fuser>) -> Result<AhrsBuilder<Fuser>, BuildError>,
@@ -113,13 +113,13 @@ impl PlumblineBuilder {
         Ok(())
     }
 
-    /// Returns the filter of a builder, or the default filter without one.
+    /// Builds the filter of a builder, or the default filter for `None`.
     pub(crate) fn build(builder: Option<&Self>) -> Ahrs<Fuser> {
         builder.map_or_else(|| Self::new().builder.build(), |builder| builder.builder.clone().build())
     }
 }
 
-/// Allocates memory and initialises it. Returns null if there is no memory.
+/// Allocates memory and initialises it. Returns null if memory is exhausted.
 pub(crate) fn allocate<T>(value: impl FnOnce() -> T) -> *mut T {
     const { assert!(size_of::<T>() > 0) };
     // SAFETY: the size is not 0.
@@ -133,11 +133,11 @@ pub(crate) fn allocate<T>(value: impl FnOnce() -> T) -> *mut T {
     place
 }
 
-/// Frees an object of [`allocate`], or nothing for a null pointer.
+/// Frees an object created by [`allocate`]. A null pointer has no effect.
 ///
 /// # Safety
 ///
-/// The pointer is null, or of `allocate` and not yet freed.
+/// The pointer is null, or was returned by `allocate` and has not been freed.
 pub(crate) unsafe fn free<T>(pointer: *mut T) {
     if !pointer.is_null() {
         // SAFETY: `allocate` has used the same allocator and layout as a box.
@@ -159,7 +159,7 @@ fn slot_of(slot: u32) -> Result<Slot, PlumblineStatus> {
     }
 }
 
-/// Creates a builder for ideal sensors and the default stages. Returns null without memory.
+/// Creates a builder for ideal sensors and the default stages. Returns null if memory is exhausted.
 ///
 /// Free the builder with plumbline_builder_free().
 #[unsafe(no_mangle)]
@@ -171,7 +171,7 @@ pub extern "C" fn plumbline_builder_new() -> *mut PlumblineBuilder {
 ///
 /// # Safety
 ///
-/// `builder` is null, or of `plumbline_builder_new` and not yet freed.
+/// `builder` is null, or was returned by `plumbline_builder_new` and has not been freed.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn plumbline_builder_free(builder: *mut PlumblineBuilder) {
     // SAFETY: required of the caller.
@@ -267,8 +267,8 @@ pub unsafe extern "C" fn plumbline_builder_frozen_after_s(
     PlumblineStatus::of(builder.and_then(|builder| builder.change(|to| to.frozen_after_s(frozen_s))))
 }
 
-/// Sets the magnetic declination, -180 to 180 degrees, east positive; default 0. It makes a
-/// magnetic heading a true one. Choose the course stage first.
+/// Sets the magnetic declination, -180 to 180 degrees, east positive; default 0. It converts a
+/// magnetic heading to a true heading. Choose the course stage first.
 ///
 /// # Safety
 ///

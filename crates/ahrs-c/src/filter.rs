@@ -15,7 +15,7 @@ use crate::{
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 #[repr(u32)]
 pub enum PlumblineFrame {
-    /// Reference east, north, up; body right, forward, up: native.
+    /// Reference east, north, up; body right, forward, up. This is the native frame.
     EnuRfu = 0,
     /// Reference east, north, up; body forward, left, up: ROS.
     EnuFlu = 1,
@@ -44,7 +44,7 @@ pub struct PlumblineAhrs {
     ahrs: Ahrs<Fuser>,
 }
 
-/// Memory of the caller is released without a call.
+/// The caller releases its memory without calling a destructor.
 const _: () = assert!(!core::mem::needs_drop::<PlumblineAhrs>());
 
 impl PlumblineAhrs {
@@ -58,7 +58,7 @@ impl PlumblineAhrs {
 }
 
 /// Creates a filter with the properties of a builder, or with the defaults if it is null. Returns
-/// null without memory.
+/// null if memory is exhausted.
 ///
 /// Free the filter with plumbline_ahrs_free(). The builder can be freed before it.
 ///
@@ -72,11 +72,11 @@ pub unsafe extern "C" fn plumbline_ahrs_new(builder: *const PlumblineBuilder) ->
     allocate(|| PlumblineAhrs { ahrs: PlumblineBuilder::build(builder) })
 }
 
-/// Frees a filter of plumbline_ahrs_new(). A null pointer has no effect.
+/// Frees a filter created by plumbline_ahrs_new(). A null pointer has no effect.
 ///
 /// # Safety
 ///
-/// `ahrs` is null, or of `plumbline_ahrs_new` and not yet freed.
+/// `ahrs` is null, or was returned by `plumbline_ahrs_new` and has not been freed.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn plumbline_ahrs_free(ahrs: *mut PlumblineAhrs) {
     // SAFETY: required of the caller.
@@ -95,7 +95,7 @@ pub extern "C" fn plumbline_ahrs_align() -> usize {
     align_of::<PlumblineAhrs>()
 }
 
-/// Creates a filter in memory of the caller and writes its address to `ahrs`.
+/// Creates a filter in memory provided by the caller and writes its address to `ahrs`.
 ///
 /// `memory` has at least plumbline_ahrs_size() bytes with the alignment plumbline_ahrs_align(). The
 /// caller may release or reuse it at any time after the last call with the filter.
@@ -211,8 +211,8 @@ pub unsafe extern "C" fn plumbline_ahrs_update_imu_at(
     unsafe { update(ahrs, gyro_rad_s, accel_m_s2, core::ptr::null(), Time::Stamp(t_ns), attitude) }
 }
 
-/// Passes on a sample of the magnetometer, 3 numbers, microtesla. It takes effect with the next
-/// sample of gyro and accelerometer.
+/// Stores a magnetometer sample, 3 numbers, microtesla. It takes effect with the next sample of
+/// gyro and accelerometer.
 ///
 /// # Safety
 ///
@@ -227,7 +227,7 @@ pub unsafe extern "C" fn plumbline_ahrs_update_mag(ahrs: *mut PlumblineAhrs, fie
     }))
 }
 
-/// Passes on a velocity of the satellite receiver. It takes effect with the next sample of gyro and
+/// Stores a velocity from the satellite receiver. It takes effect with the next sample of gyro and
 /// accelerometer.
 ///
 /// # Safety

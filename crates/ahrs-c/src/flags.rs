@@ -63,7 +63,8 @@ pub const PLUMBLINE_FLAG_FAULT_INJECTED: u64 = 1 << 25;
 pub const PLUMBLINE_FLAG_SWAPPED: u64 = 1 << 26;
 
 /// Writes the names of the flags that are set, such as "rate-invalid, gap", with a terminating
-/// zero. A text that does not fit is cut. Returns the length of the whole text without the zero.
+/// zero. A text that does not fit is truncated. Returns the length of the whole text without the
+/// zero.
 ///
 /// # Safety
 ///
@@ -83,7 +84,8 @@ pub unsafe extern "C" fn plumbline_flags_text(flags: u64, buffer: *mut c_char, s
     for name in Flags(flags).names() {
         let separator = if len == 0 { "" } else { ", " };
         for part in [separator, name] {
-            // A part after a cut one does not fit either, because only a zero is left.
+            // Once a part was truncated, no later part fits, because only the terminating zero is
+            // left.
             if written == len {
                 written += write_text(part, &mut buffer[written..]);
             }

@@ -7,7 +7,7 @@
 //!
 //! Failure: a null pointer, an unknown constant and an invalid value are reported as a status; the
 //! objects are then unchanged.
-// Each function of the interface receives pointers of the caller and has a fixed symbol name.
+// Each function of the interface receives pointers from the caller and has a fixed symbol name.
 #![allow(unsafe_code)]
 
 mod attitude_output;

@@ -16,11 +16,11 @@ pub enum PlumblineStatus {
     Ok = 0,
     /// A pointer that must not be null is null.
     NullPointer = 1,
-    /// An argument is not one of its constants, or a text is not UTF-8.
+    /// An argument is not one of the allowed constants, or a text is not UTF-8.
     InvalidArgument = 2,
     /// A value is out of range or not a number.
     OutOfRange = 3,
-    /// There is no stage, parameter or entry of this name or index.
+    /// No stage, parameter or entry has this name or index.
     NotFound = 4,
     /// The matrix or bias of a calibration or mounting is invalid.
     InvalidCalibration = 5,
@@ -50,11 +50,11 @@ impl PlumblineStatus {
 
     /// Records a message for [`plumbline_error_message`] and returns the status.
     pub(crate) fn with(self, message: impl fmt::Display) -> Self {
-        // An error during the destruction of the thread has no message.
+        // During the destruction of the thread, no message can be stored.
         _ = MESSAGE.try_with(|text| {
             let mut text = text.borrow_mut();
             text.clear();
-            // The message ends at the end of the buffer.
+            // A message longer than the buffer is truncated.
             _ = write!(text, "{message}");
         });
         self
@@ -92,7 +92,7 @@ impl From<SnapshotError> for PlumblineStatus {
     }
 }
 
-/// Size of the message of an error with the terminating zero, bytes. The longest message names all
+/// Size of the error message buffer with the terminating zero, bytes. The longest message names all
 /// parameters of a stage.
 const MESSAGE_BYTES: usize = 4096;
 
@@ -100,7 +100,7 @@ thread_local! {
     static MESSAGE: RefCell<Text> = const { RefCell::new(Text { bytes: [0; MESSAGE_BYTES], len: 0 }) };
 }
 
-/// Text that ends with a zero byte and is cut to the buffer.
+/// Zero-terminated text, truncated to the size of the buffer.
 struct Text {
     bytes: [u8; MESSAGE_BYTES],
     len: usize,

@@ -1,4 +1,4 @@
-//! C programs with the installed library.
+//! Tests of C programs that use the installed library.
 
 #![allow(clippy::unwrap_used, reason = "helpers of tests")]
 
@@ -31,7 +31,7 @@ fn install(prefix: &Path) {
         .arg(format!("BUILT={}", deps.display())));
 }
 
-/// Compiles a program with the flags of pkg-config.
+/// Compiles a program with the compiler flags from pkg-config.
 fn compile(prefix: &Path, compiler: &str, source: &Path, is_static: bool) -> PathBuf {
     let flags = run(Command::new("pkg-config")
         .env("PKG_CONFIG_PATH", prefix.join("lib/pkgconfig"))

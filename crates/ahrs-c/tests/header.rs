@@ -1,4 +1,4 @@
-//! The committed header is that of the source.
+//! The committed header matches the source.
 //!
 //! If the header is stale, the test updates it and fails. If `CI` is set, it only fails.
 
@@ -10,7 +10,7 @@ fn header_is_current() {
     let config = cbindgen::Config::from_file(root.join("cbindgen.toml")).unwrap();
     let mut header = Vec::new();
     cbindgen::Builder::new().with_crate(root).with_config(config).generate().unwrap().write(&mut header);
-    // Comments for callers in Rust are left out of the header.
+    // Comments that address Rust callers are left out of the header.
     let header = without_safety(&String::from_utf8(header).unwrap());
     let file = root.join("include/plumbline_ahrs.h");
     if fs::read_to_string(&file).ok().as_deref() != Some(&header) {
@@ -21,14 +21,14 @@ fn header_is_current() {
     }
 }
 
-/// Removes the sections `# Safety`, which end with the comment.
+/// Removes the `# Safety` sections, each of which ends with its comment.
 fn without_safety(header: &str) -> String {
     let (mut kept, mut is_safety) = (Vec::new(), false);
     for line in header.lines() {
         is_safety |= line == " # Safety";
         if is_safety && line == " */" {
             is_safety = false;
-            // The empty line before the section.
+            // The empty line before the section is removed, too.
             if kept.last() == Some(&"") {
                 kept.pop();
             }

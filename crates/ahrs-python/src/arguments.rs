@@ -1,4 +1,4 @@
-//! Arguments with a name or of several types.
+//! Arguments that are given by name or have several types.
 
 use plumbline_ahrs::{
     Calibration, Frame, Mounting, RateKind, Sensor, Slot,
@@ -39,7 +39,7 @@ pub(crate) fn sensor(name: &str) -> PyResult<Sensor> {
     named("sensor", &SENSORS, name)
 }
 
-/// Returns the kind of the rate samples of a name.
+/// Returns the kind of rate samples with this name.
 pub(crate) fn rate_kind(name: &str) -> PyResult<RateKind> {
     named("gyro_samples", &RATE_KINDS, name)
 }

@@ -86,13 +86,13 @@ impl Attitude {
         Ok(self.0.rate_rad_s_in(self::frame(frame)?).into())
     }
 
-    /// Bias of the gyro, rad/s, body axes; zero if the stage does not estimate it.
+    /// Estimated gyro bias, rad/s, body axes; zero if the stage does not estimate it.
     #[getter]
     fn gyro_bias_rad_s(&self) -> (f64, f64, f64) {
         self.0.gyro_bias_rad_s().into()
     }
 
-    /// Return the bias of the gyro, rad/s, body axes of a frame.
+    /// Return the estimated gyro bias, rad/s, body axes of a frame.
     fn gyro_bias_rad_s_in(&self, frame: &str) -> PyResult<(f64, f64, f64)> {
         Ok(self.0.gyro_bias_rad_s_in(self::frame(frame)?).into())
     }
@@ -134,7 +134,7 @@ impl Attitude {
         self.0.tick()
     }
 
-    /// Time of the attitude, ns: the time stamps of the samples without the leaps of their clock.
+    /// Time of the attitude, ns: the time stamps of the samples with jumps of the clock removed.
     #[getter]
     fn t_ns(&self) -> i64 {
         self.0.t_ns()

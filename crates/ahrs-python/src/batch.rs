@@ -3,7 +3,7 @@
 //! Input: numpy arrays with one row per sample. Arrays of `float64` are read in place, with any
 //! strides.
 //!
-//! Output: numpy arrays with one row per sample, in memory that the calculation has filled.
+//! Output: numpy arrays with one row per sample, without copying the results.
 //!
 //! Failure: an array of another shape is rejected before the first sample.
 
@@ -17,9 +17,9 @@ use pyo3::{exceptions::PyTypeError, prelude::*};
 
 use crate::error::value_error;
 
-/// Numbers of the caller: an array, or a sequence of which numpy makes one.
+/// Numbers from the caller: an array, or a sequence that numpy converts to one.
 pub(crate) type Numbers<'py> = PyArrayLikeDyn<'py, f64, AllowTypeChange>;
-/// Time stamps of the caller. Other types than `int64` could lose digits.
+/// Time stamps from the caller. Types other than `int64` could lose digits.
 pub(crate) type Stamps<'py> = PyArrayLikeDyn<'py, i64, TypeMustMatch>;
 
 /// Attitudes after each sample of a batch, one row per sample.
@@ -43,9 +43,9 @@ pub(crate) struct Batch {
     gyro_bias_rad_s: Py<PyArray2<f64>>,
     /// Bits of `Flags`, uint64, shape (n,).
     flags: Py<PyArray1<u64>>,
-    /// Numbers of accepted samples before each one, uint64, shape (n,).
+    /// Number of samples accepted before each sample, uint64, shape (n,).
     tick: Py<PyArray1<u64>>,
-    /// Numbers of jumps of the attitude or the heading so far, uint64, shape (n,).
+    /// Number of jumps of the attitude or the heading so far, uint64, shape (n,).
     reset_counter: Py<PyArray1<u64>>,
 }
 
@@ -114,7 +114,7 @@ impl Rows {
         self.reset_counter.push(attitude.reset_counter());
     }
 
-    /// Passes the memory of the rows to numpy arrays.
+    /// Moves the memory of the rows into numpy arrays.
     fn into_batch(self, py: Python<'_>) -> PyResult<Batch> {
         let len = self.tick.len();
         let table = |values: Vec<f64>, columns: usize| -> PyResult<Py<PyArray2<f64>>> {
@@ -193,7 +193,7 @@ fn row(values: &ArrayView2<'_, f64>, i: usize) -> [f64; 3] {
     [values[[i, 0]], values[[i, 1]], values[[i, 2]]]
 }
 
-/// Returns the view of an array of vectors. `len` is the expected number of rows.
+/// Returns a view of an array of vectors. `len` is the expected number of rows.
 fn vectors<'a>(name: &str, array: &'a Numbers<'_>, len: Option<usize>) -> PyResult<ArrayView2<'a, f64>> {
     let view = array.as_array().into_dimensionality::<Ix2>().ok();
     view.filter(|view| view.ncols() == 3 && len.is_none_or(|len| view.nrows() == len)).ok_or_else(|| {

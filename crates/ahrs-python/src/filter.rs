@@ -152,14 +152,14 @@ impl Ahrs {
         Attitude(self.filter.update_imu_at(gyro_rad_s, accel_m_s2, t_ns))
     }
 
-    /// Pass on a sample of the magnetometer, µT, shape (3,). It takes effect with the next sample
-    /// of gyro and accelerometer.
+    /// Store a magnetometer sample, µT, shape (3,). It takes effect with the next sample of gyro
+    /// and accelerometer.
     fn update_mag(&mut self, field_ut: [f64; 3]) {
         self.filter.update_mag(field_ut);
     }
 
-    /// Pass on a velocity of a satellite receiver. It takes effect with the next sample of gyro and
-    /// accelerometer.
+    /// Store a velocity from the satellite receiver. It takes effect with the next sample of gyro
+    /// and accelerometer.
     ///
     /// velocity_m_s: velocity, m/s, east, north, up, shape (3,).
     /// velocity_sd_m_s: standard deviation of each component, m/s, if the receiver reports it.
@@ -178,12 +178,10 @@ impl Ahrs {
 
     /// Process many samples and return the attitudes after them, with the GIL released.
     ///
-    /// gyro_rad_s: body rates, rad/s, shape (n, 3).
-    /// accel_m_s2: specific forces, m/s², shape (n, 3).
-    /// field_ut: magnetic fields, µT, shape (n, 3). A row of NaN is no sample.
-    /// dt_s: time before each sample, s: a number, or shape (n,).
-    /// t_ns: in place of dt_s, time stamps, ns, int64, shape (n,).
-    /// frame: frame of the results.
+    /// gyro_rad_s: body rates, rad/s, shape (n, 3). accel_m_s2: specific forces, m/s², shape (n,
+    /// 3). field_ut: magnetic fields, µT, shape (n, 3). A row of NaN means that there is no sample.
+    /// dt_s: time before each sample, s: a number, or shape (n,). t_ns: in place of dt_s, time
+    /// stamps, ns, int64, shape (n,). frame: frame of the results.
     ///
     /// The result equals that of n calls of `update` or `update_at`. Arrays of float64 are not
     /// copied. Other threads must not change the arrays during the call.
@@ -277,12 +275,12 @@ impl Ahrs {
     }
 }
 
-/// Returns a builder with the default stages and a fuser type that holds any stage.
+/// Returns a builder with the default stages and a fuser type that can hold any stage.
 fn default_builder() -> AhrsBuilder<Fuser> {
     AhrsBuilder::new().fuser(Fuser::MultipleModel(MultipleModel::default()))
 }
 
-/// Applies an argument, if given, to the builder.
+/// Applies an argument to the builder if it is given.
 fn applied<T>(
     builder: AhrsBuilder<Fuser>,
     argument: Option<T>,

@@ -1,4 +1,4 @@
-//! The bias of the gyro, estimated while the body rests, and used by the next run.
+//! Estimates the gyro bias while the body is at rest, and uses it in the next run.
 use plumbline_ahrs::Ahrs;
 
 /// Returns a number that varies like noise, ±0.5.

@@ -5,7 +5,7 @@ use plumbline_ahrs::{
 };
 
 fn main() -> Result<(), BuildError> {
-    // By type: the program contains the code of this stage only.
+    // By type: the program contains only the code of this stage.
     let mut by_type = Ahrs::builder().fuser(Wz::default()).build();
     println!("{:?}", by_type.update([0.0; 3], [0.0, 1.0, 9.75], None, 0.01).angles());
 
@@ -15,7 +15,7 @@ fn main() -> Result<(), BuildError> {
         println!("{name}: {:?}", ahrs.update([0.0; 3], [0.0, 1.0, 9.75], None, 0.01).angles());
     }
 
-    // With parameters. Each has a unit, a range and a meaning.
+    // With parameters: each has a unit, a range and a description.
     let builder = Ahrs::builder().fuser_stage("wz")?;
     for parameter in builder.parameters(Slot::Fuser) {
         println!("{} = {} {}", parameter.name, parameter.default, parameter.unit);

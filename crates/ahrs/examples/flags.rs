@@ -1,4 +1,4 @@
-//! The flags of failing sensors, and the jumps that a controller must know of.
+//! Shows the flags of failing sensors, and the attitude jumps that a controller must handle.
 use plumbline_ahrs::{Ahrs, Flags};
 
 fn main() {

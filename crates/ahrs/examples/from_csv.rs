@@ -1,7 +1,7 @@
-//! Attitude of a CSV file with the columns t_s, gyro (3) in rad/s, accel (3) in m/s² and mag (3) in
-//! µT; empty columns are missing values.
+//! Computes attitudes from a CSV file with the columns t_s, gyro (3) in rad/s, accel (3) in m/s²
+//! and mag (3) in µT; empty columns are missing values.
 //!
-//! `cargo run --example from_csv -- FILE.csv`; without a file, of a short built-in table.
+//! `cargo run --example from_csv -- FILE.csv`; without a file, a short built-in table is used.
 use std::{env, fs, io};
 
 use plumbline_ahrs::Ahrs;

@@ -1,4 +1,5 @@
-//! A car that accelerates to the north: without the receiver, the acceleration looks like a tilt.
+//! Estimates the attitude of a car that accelerates northwards. Without the receiver, the
+//! acceleration looks like a tilt.
 use plumbline_ahrs::{Ahrs, GnssFix};
 
 fn main() {
@@ -6,7 +7,7 @@ fn main() {
     let mut velocity_m_s = 0.0;
     for count in 0..6000 {
         let t_s = f64::from(count) * 0.01;
-        // Forward and backward in turn, with an amplitude of 1.5 m/s².
+        // The car accelerates forwards and backwards alternately, with an amplitude of 1.5 m/s².
         let acceleration_m_s2 = 1.5 * (0.3 * t_s).sin();
         velocity_m_s += acceleration_m_s2 * 0.01;
         if count % 20 == 0 {

@@ -1,4 +1,4 @@
-//! Attitude of a turning body from gyro, accelerometer and magnetometer.
+//! Estimates the attitude of a turning body from gyro, accelerometer and magnetometer.
 use plumbline_ahrs::Ahrs;
 
 const DT_S: f64 = 0.01;
@@ -6,7 +6,7 @@ const DT_S: f64 = 0.01;
 fn main() {
     let mut ahrs = Ahrs::new();
     for count in 0..1000 {
-        // A body that turns to the left at 0.1 rad/s sees the field turn to the right.
+        // For a body that turns left at 0.1 rad/s, the field turns right.
         let yaw_rad = 0.1 * DT_S * f64::from(count);
         let field_ut = [20.0 * yaw_rad.sin(), 20.0 * yaw_rad.cos(), -40.0];
         let attitude = ahrs.update([0.0, 0.0, 0.1], [0.0, 0.0, 9.81], Some(field_ut), DT_S);

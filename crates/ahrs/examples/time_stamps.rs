@@ -1,4 +1,4 @@
-//! Samples with time stamps, of which some are missing, repeated or late.
+//! Processes samples with time stamps, some of which are missing, repeated or late.
 use plumbline_ahrs::{Ahrs, Flags};
 
 fn main() {

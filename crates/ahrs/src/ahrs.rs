@@ -1,4 +1,4 @@
-//! The filter: checks of the samples, and the stages of the four slots.
+//! The filter: checks of the samples, followed by the stages of the four slots.
 
 use core::fmt;
 
@@ -37,7 +37,7 @@ pub struct GnssFix {
 /// `F` is the stage that fuses the sensors; see [`stages`](crate::stages). The default stage
 /// suits every combination of sensors.
 ///
-/// A value is about 65 kB large and holds its whole state; a clone continues independently.
+/// A filter takes about 65 kB, which include its whole state; a clone continues independently.
 #[derive(Clone)]
 pub struct Ahrs<F = MultipleModel> {
     pub(crate) conditioner: Conditioner,
@@ -120,13 +120,13 @@ impl<F: FuserStage> Ahrs<F> {
         self.update_at(gyro_rad_s, accel_m_s2, None, t_ns)
     }
 
-    /// Passes on a sample of the magnetometer, µT. It takes effect with the next sample of gyro and
+    /// Stores a magnetometer sample, µT. It takes effect with the next sample of gyro and
     /// accelerometer.
     pub fn update_mag(&mut self, field_ut: [f64; 3]) {
         self.pending_field_ut = Some(field_ut);
     }
 
-    /// Passes on a velocity of the satellite receiver. It takes effect with the next sample of gyro
+    /// Stores a velocity from the satellite receiver. It takes effect with the next sample of gyro
     /// and accelerometer.
     pub fn update_gnss(&mut self, fix: &GnssFix) {
         let GnssFix { velocity_m_s, velocity_sd_m_s, age_s, latitude_rad } = *fix;
@@ -147,7 +147,7 @@ impl<F: FuserStage> Ahrs<F> {
     /// Returns the cause if a stage has failed permanently, else `None`. The attitude then no
     /// longer changes.
     ///
-    /// The stages of this crate do not fail. A stage of your own fails if its output is invalid
+    /// The stages of this crate do not fail. A user-defined stage fails if its output is invalid
     /// even after a reset.
     pub fn failure(&self) -> Option<StageFailure<'_>> {
         self.gyro

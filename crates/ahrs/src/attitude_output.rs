@@ -116,12 +116,12 @@ impl Attitude {
         frame.body().vector(self.rate_rad_s())
     }
 
-    /// Returns the bias of the gyro, rad/s, body axes; zero if the stage does not estimate it.
+    /// Returns the estimated gyro bias, rad/s, body axes; zero if the stage does not estimate it.
     pub fn gyro_bias_rad_s(&self) -> [f64; 3] {
         self.fused.bias_rad_s.into()
     }
 
-    /// Returns the bias of the gyro, rad/s, body axes of `frame`.
+    /// Returns the estimated gyro bias, rad/s, body axes of `frame`.
     pub fn gyro_bias_rad_s_in(&self, frame: Frame) -> [f64; 3] {
         frame.body().vector(self.gyro_bias_rad_s())
     }
@@ -150,8 +150,8 @@ impl Attitude {
 
     /// Returns the number of jumps of the attitude or the heading since the first alignment.
     ///
-    /// A controller that sees another number than before must not take the change of the attitude
-    /// for a rotation of the body.
+    /// If the number has changed, a controller must not treat the change of the attitude as a
+    /// rotation of the body.
     pub fn reset_counter(&self) -> u64 {
         self.reset_counter
     }
@@ -167,8 +167,8 @@ impl Attitude {
         self.tick
     }
 
-    /// Returns the time of the attitude, ns: the time stamps of the samples without the leaps of
-    /// their clock.
+    /// Returns the time of the attitude, ns: the time stamps of the samples with jumps of the clock
+    /// removed.
     pub fn t_ns(&self) -> i64 {
         self.t_ns
     }

@@ -167,7 +167,8 @@ impl AhrsBuilder<Fuser> {
 impl<F: FuserStage> AhrsBuilder<F> {
     /// Sets the nominal sampling rate of gyro and accelerometer, 0.1 to 100,000 Hz; default 100.
     ///
-    /// Only samples with an unusable time stamp need it, until others show the true rate.
+    /// It is used only for samples with an unusable time stamp, until the true rate is known from
+    /// other samples.
     ///
     /// # Errors
     ///
@@ -178,7 +179,7 @@ impl<F: FuserStage> AhrsBuilder<F> {
         Ok(self)
     }
 
-    /// Sets the range of the gyro, 1 to 100,000 °/s; default 2000. A rate at its end counts as
+    /// Sets the range of the gyro, 1 to 100,000 °/s; default 2000. A rate at the limit counts as
     /// clipped.
     ///
     /// # Errors
@@ -188,8 +189,8 @@ impl<F: FuserStage> AhrsBuilder<F> {
         self.limit("rate_max_deg_s", range_deg_s)
     }
 
-    /// Sets the range of the accelerometer, 0.1 to 10,000 g; default 16. A force at its end counts
-    /// as clipped.
+    /// Sets the range of the accelerometer, 0.1 to 10,000 g; default 16. A force at the limit
+    /// counts as clipped.
     ///
     /// # Errors
     ///
@@ -198,7 +199,7 @@ impl<F: FuserStage> AhrsBuilder<F> {
         self.limit("force_max_g", range_g)
     }
 
-    /// Sets the range of the magnetometer, 1 to 1,000,000 µT; default 2000. A field at its end is
+    /// Sets the range of the magnetometer, 1 to 1,000,000 µT; default 2000. A field at the limit is
     /// not used.
     ///
     /// # Errors
@@ -261,8 +262,9 @@ impl<F: FuserStage> AhrsBuilder<F> {
         self
     }
 
-    /// Sets the magnetic declination, −180° to 180°, east positive. It makes a magnetic heading a
-    /// true one. Yaw and quaternion stay magnetic. 0, the default, leaves the heading magnetic.
+    /// Sets the magnetic declination, −180° to 180°, east positive. It converts a magnetic heading
+    /// to a true heading. Yaw and quaternion stay magnetic. With 0, the default, the heading stays
+    /// magnetic.
     ///
     /// Choose the course stage first, because the declination is a parameter of the stage.
     ///
@@ -308,8 +310,8 @@ impl<F: FuserStage> AhrsBuilder<F> {
         Ok(self)
     }
 
-    /// Chooses the course stage by name: `"angles"`, the default, or `"track"`, which turns the
-    /// heading to the track over ground.
+    /// Chooses the course stage by name: `"angles"`, the default, or `"track"`, which uses the
+    /// track over ground as the heading.
     ///
     /// # Errors
     ///
@@ -319,7 +321,7 @@ impl<F: FuserStage> AhrsBuilder<F> {
         Ok(self)
     }
 
-    /// Returns the parameters of the stage in a slot, with unit, default, range and meaning.
+    /// Returns the parameters of the stage in a slot, with unit, default, range and description.
     pub fn parameters(&self, slot: Slot) -> &'static [attitude::parameters::Parameter] {
         match slot {
             Slot::Gyro => self.gyro.parameters(),
@@ -376,7 +378,7 @@ fn unknown(slot: Slot, name: &str) -> BuildError {
     BuildError::UnknownStage { slot, name: Name::new(name) }
 }
 
-/// Name in an error, cut to 32 bytes.
+/// Name in an error, truncated to 32 bytes.
 #[derive(Clone, Copy, PartialEq, Eq)]
 pub struct Name {
     bytes: [u8; 32],

@@ -16,9 +16,9 @@
 //! assert!(attitude.angles().pitch_rad.abs() < 0.01);
 //! ```
 //!
-//! The results are those of the system Plumbline, bit for bit: the same checks of the samples, the
-//! same stages, the same supervision. No setting is necessary. Dead, frozen, clipped, missing and
-//! late sensors are detected and handled; [`Attitude::flags`] reports them.
+//! The results equal those of the Plumbline system bit for bit, because the crate uses the same
+//! sample checks, stages and supervision. No setting is necessary. Dead, frozen, clipped, missing
+//! and late sensors are detected and handled; [`Attitude::flags`] reports them.
 //!
 //! The crate needs neither the standard library nor an allocator, and no update panics or fails.
 //!

@@ -1,10 +1,10 @@
-//! Snapshot of a filter in bytes, to continue from it after a restart.
+//! Snapshots of a filter as bytes, from which it can continue after a restart.
 //!
 //! Input: the bytes of a snapshot, from any origin.
 //!
 //! Output: a filter whose later attitudes have the same bits as those of the original.
 //!
-//! Failure: a snapshot that is truncated, corrupt, or of other stages is rejected.
+//! Failure: a snapshot that is truncated, corrupt, or belongs to other stages is rejected.
 
 use core::fmt;
 

@@ -1,4 +1,4 @@
-//! The builder checks its values, and its settings have the effect of those of the system.
+//! The builder validates its values, and its settings have the same effect as those of the system.
 
 use launch::Launch;
 use plumbline_ahrs::{Ahrs, Body, CourseReference, Frame, Slot, stages::Wz};

@@ -1,4 +1,4 @@
-//! Faults of the sensors have the effect that they have in the system.
+//! Sensor faults have the same effect as in the system.
 
 use launch::Launch;
 use plumbline_ahrs::{Ahrs, Flags, stages::Fuser};
@@ -9,7 +9,8 @@ use crate::path::{System, bits, system_bits, update};
 const RATE_HZ: f64 = 100.0;
 const INTERVAL_NS: i64 = 10_000_000;
 
-/// Returns the reading of a body that turns and tilts, with a field and now and then a fix.
+/// Returns a reading of a body that turns and tilts. Every second reading has a field, and every 20th
+/// has a fix.
 fn reading(count: i64) -> Reading {
     let t_s = count as f64 / RATE_HZ;
     let (sin, cos) = (0.3 * t_s.sin()).sin_cos();

@@ -1,4 +1,4 @@
-//! The filter yields the bits of the system on recordings.
+//! The filter reproduces the attitudes of the system on recordings bit for bit.
 
 use std::path::{Path, PathBuf};
 

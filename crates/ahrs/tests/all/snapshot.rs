@@ -1,4 +1,4 @@
-//! Snapshots restore the whole state, and damaged ones change nothing.
+//! A snapshot restores the whole state, and a damaged snapshot changes nothing.
 
 use plumbline_ahrs::{Ahrs, Attitude, SnapshotError, stages::Fuser};
 

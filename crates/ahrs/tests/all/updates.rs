@@ -1,4 +1,4 @@
-//! The calls for sensors with their own rates equal the call for all sensors.
+//! The calls for sensors with different rates give the same result as the call for all sensors.
 
 use plumbline_ahrs::{Ahrs, GnssFix};
 
