@@ -1,6 +1,6 @@
 //! Traversal of the numbers that make up a value, always in the same order.
 //!
-//! Snapshots consist of these numbers. They are also what is sent to a stage in another process.
+//! Snapshots consist of these numbers. The same numbers are sent to a stage in another process.
 //!
 //! Failure: code that restores numbers must validate the resulting value.
 

@@ -1,4 +1,4 @@
-//! Course stage with the attitude's jumps.
+//! Course stage that also reports the jumps of the attitude.
 //!
 //! Input: the fused attitude of each tick with the counter of its resets.
 //!

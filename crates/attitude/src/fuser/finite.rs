@@ -10,7 +10,7 @@
 use super::input::FuserInput;
 use crate::{Vector3, accel::Inclination, gnss::Fix, gyro::Motion, rotation::Rotation};
 
-/// Implements what is the same in every fuser stage: the types of the slot, and `step`.
+/// Implements the parts that are the same in every fuser stage: the types of the slot, and `step`.
 ///
 /// `step` passes the input without its invalid parts to `Self::fuse`.
 macro_rules! fuser_step {

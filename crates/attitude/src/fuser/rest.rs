@@ -22,16 +22,17 @@ const MAX_DEVIATION_FROM_BIAS_RAD_S: f64 = 0.034_906_585;
 /// Largest component of the mean rate that is accepted as a bias, rad/s (11 °/s). Data sheets of
 /// consumer MEMS gyros allow a bias of 10 °/s.
 const MAX_BIAS_RAD_S: f64 = 0.191_986_218;
-/// Interval from which a large mean rate is not taken for a bias, s. The samples of a longer
-/// interval, such as one with a jump of the timestamps, do not show whether the body has rotated.
+/// Longest interval in which a large mean rate may be taken for a bias, s. A longer interval, such
+/// as one with a jump of the timestamps, does not show whether the body has rotated.
 const MAX_INTERVAL_S: f64 = 0.5;
-/// Fraction of the change by a real rotation up to which force and field count as unchanged.
+/// Largest change of force and field that counts as no change, as a fraction of the change that a
+/// real rotation would cause.
 const MAX_CHANGE_FRACTION: f64 = 0.5;
-/// Change of the magnetic field by a real rotation from which the field shows whether the body
-/// rotates, µT: several times the noise of a magnetometer.
+/// Smallest change of the magnetic field, expected for a real rotation, that is large enough to be
+/// recognised, µT: several times the noise of a magnetometer.
 const MIN_FIELD_CHANGE_UT: f64 = 2.0;
-/// Time without movement after which a rest is detected even if the field would hardly change by a
-/// real rotation, s.
+/// Time without movement after which a rest is detected even if a real rotation would hardly change
+/// the field, s.
 const MAX_UNDECIDED_S: f64 = 3.0;
 /// Largest deviation of a force from its mean at rest, m/s².
 const MAX_FORCE_DEVIATION_M_S2: f64 = 0.5;

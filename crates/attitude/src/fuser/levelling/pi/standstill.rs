@@ -10,8 +10,8 @@ const AVERAGING_S: f64 = 2.0;
 /// Largest RMS deviation of the rate from its mean at standstill, rad/s (0.3 °/s). A moving vehicle
 /// exceeds it even in calm air.
 const MAX_RATE_RMS_RAD_S: f64 = 0.0052;
-/// Largest RMS deviation of the rate from its mean if a receiver reports standstill, rad/s (0).8
-/// °/s.
+/// Largest RMS deviation of the rate from its mean if a receiver reports standstill, rad/s (0.8
+/// °/s).
 const MAX_AIDED_RATE_RMS_RAD_S: f64 = 0.014;
 /// Largest RMS deviation of the force from its mean at standstill if there is no receiver, m/s².
 const MAX_FORCE_RMS_M_S2: f64 = 0.08;

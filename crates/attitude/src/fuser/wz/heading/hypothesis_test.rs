@@ -37,8 +37,8 @@ const GATE: f64 = 11.0;
 /// Largest normalised innovation squared used in a likelihood. Without this limit, a single
 /// disturbance would decide the test.
 const MAX_NIS: f64 = 30.0;
-/// Normalised innovation squared of M from which a disturbance is strong, such as that of a magnet
-/// that passes closely.
+/// Normalised innovation squared of M above which a disturbance counts as strong, such as that of a
+/// magnet passing close by.
 const STRONG_NIS: f64 = 200.0;
 /// Time for which M uses no field after a strong disturbance, s. While a magnet moves away, its
 /// field is inside the gate for a moment, but still rotates the estimated field by degrees.
@@ -58,11 +58,11 @@ const CHALLENGER_REJECTION_TIMEOUT_S: f64 = 0.2;
 /// Duration of a challenge after which it restarts, s.
 const CHALLENGE_TIMEOUT_S: f64 = 50.0;
 /// Time for which another field must be steady to replace a well supported one, s. Every state that
-/// concerns the field is also reset after so much time outside the gate, which is counted only
-/// while the body turns or the main filter is on probation.
+/// concerns the field is also reset after the same time outside the gate, counted only while the
+/// body turns or the main filter is on probation.
 const REJECTION_TIMEOUT_S: f64 = 60.0;
-/// Time of use from which the field of M is well supported, s. Like the times below, it is counted
-/// only while the body turns.
+/// Time of use after which the field of M counts as well supported, s. Like the times below, it is
+/// counted only while the body turns.
 const WELL_SUPPORTED_S: f64 = 20.0;
 /// Shortest time for which another field must be steady to replace that of M, s. Hypothesis B needs
 /// less time to recognise a field that is fixed to the body.

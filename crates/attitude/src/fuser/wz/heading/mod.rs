@@ -96,7 +96,7 @@ const SETTLING_TILT_RAD: f64 = 0.3;
 const SETTLING_S: f64 = 3.0;
 /// Tilt error below which the tilt counts as settled, rad.
 const SETTLED_TILT_RAD: f64 = 4e-4;
-/// Rate up to which a start does not count as a start in motion, rad/s.
+/// Largest rate at which a start does not count as a start in motion, rad/s.
 const MAX_STILL_RATE_RAD_S: f64 = 0.1;
 /// Standard deviation above which a heading counts as unknown, rad.
 const UNKNOWN_HEADING_SD_RAD: f64 = 1.0;
