@@ -15,7 +15,7 @@
 //! | `client` | the client side |
 //! | `request` | requests and their replies |
 //! | `server` | the supervisor's side |
-//! | `proto` | conversion of replies to messages beyond the board, feature `wire` |
+//! | `proto` | conversion of replies to and from network messages, with the feature `wire` |
 
 #![forbid(unsafe_code)]
 

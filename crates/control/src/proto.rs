@@ -1,4 +1,4 @@
-//! Conversion of replies to and from their messages beyond the board.
+//! Conversion of replies to and from network messages.
 
 use foreign::ForeignText;
 use swap::SwapOutcome;

@@ -20,7 +20,7 @@ pub trait Format: Send {
     /// possible frame.
     fn parse(&mut self, bytes: &[u8], measurements: &mut Vec<Measurement>) -> ParseOutcome;
 
-    /// Sets the arrival time of the bytes that follow.
+    /// Sets the arrival time of the bytes that follow, relative to any fixed instant.
     fn set_time(&mut self, _now: Duration) {}
 
     /// Notifies the format that `bytes` bytes were skipped between two frames.

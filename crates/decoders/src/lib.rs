@@ -57,7 +57,7 @@ pub trait Decoder: Send {
     /// An incomplete frame is kept for the next call, up to the maximum frame size of the format.
     fn push(&mut self, bytes: &[u8], measurements: &mut Vec<Measurement>);
 
-    /// Sets the arrival time of the bytes that follow, since any fixed instant.
+    /// Sets the arrival time of the bytes that follow, relative to any fixed instant.
     fn set_time(&mut self, _now: Duration) {}
 
     /// Returns the totals since the decoder was created.

@@ -144,7 +144,7 @@ impl Lines {
         self.time_bits.map(period_ns).transpose()
     }
 
-    /// Takes the columns and their units from the names of all columns.
+    /// Determines the columns and their units from the names of all columns.
     fn set_columns(&mut self, names: &[&str]) -> Result<(), LinesError> {
         let (indices, mapping) = ColumnIndices::find(&self.configured, names)?;
         self.period_ns = self.wrap_period_ns(&mapping)?;
@@ -184,8 +184,8 @@ impl Lines {
         row
     }
 
-    /// Takes the columns from a line that contains all mapped names. Returns `false` if the line
-    /// does not.
+    /// Determines the columns from a line that contains all mapped names. Returns `false` if the
+    /// line does not contain them.
     fn find_columns(&mut self, line: &str) -> bool {
         if text::is_row(line) {
             return false;

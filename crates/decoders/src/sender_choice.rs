@@ -2,15 +2,15 @@
 //!
 //! Input: senders whose data have yielded a measurement.
 //!
-//! Output: the sender whose data are used. It keeps its place only by measurements: other data
-//! neither take nor hold the place.
+//! Output: the sender whose data are used. Only measurements count: other data neither make a
+//! sender the chosen one nor keep it chosen.
 //!
-//! Time: supplied by the caller, since any fixed instant. If the time stands still, the first
-//! choice is final.
+//! Time: supplied by the caller, relative to any fixed instant. If the time does not advance, the
+//! first choice is final.
 
 use std::time::Duration;
 
-/// Time without a measurement after which the chosen sender loses its place.
+/// Time without a measurement after which a chosen sender is no longer chosen.
 pub const SENDER_TIMEOUT: Duration = Duration::from_secs(2);
 
 /// Choice of one sender among several.

@@ -35,7 +35,7 @@ const EXTENDED_LENGTH: u8 = 0xff;
 const MAX_LENGTH_BYTES: usize = 2048;
 const COUNTS_PER_S: u64 = 10_000;
 const NS_PER_COUNT: u64 = 1_000_000_000 / COUNTS_PER_S;
-/// Field strength of one arbitrary unit, µT (0).49 gauss, as at Xsens's calibration site (Xsens
+/// Field strength of one arbitrary unit, µT: 0.49 gauss, as at Xsens's calibration site (Xsens
 /// knowledge base).
 pub const FIELD_UT: f64 = 49.0;
 

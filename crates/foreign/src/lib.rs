@@ -15,7 +15,7 @@ use std::{
 
 use serde::{Deserialize, Serialize};
 
-/// Text that was written by others.
+/// Text from an untrusted source.
 ///
 /// `Display` escapes control characters, line breaks included, and characters that reorder text, as
 /// `\n` or `\u{1b}`. The text therefore cannot control a terminal or imitate another line. `Debug`
@@ -26,7 +26,7 @@ use serde::{Deserialize, Serialize};
 pub struct ForeignText(String);
 
 impl ForeignText {
-    /// Creates a text from bytes, of which those that are not UTF-8 are replaced by U+FFFD.
+    /// Creates a text from bytes. Bytes that are not UTF-8 are replaced by U+FFFD.
     pub fn from_bytes(bytes: &[u8]) -> Self {
         Self(String::from_utf8_lossy(bytes).into_owned())
     }
@@ -43,7 +43,7 @@ impl ForeignText {
     }
 }
 
-/// Returns a path for display. The name of a file may have been chosen by others.
+/// Returns a path for display. A file name may come from an untrusted source.
 pub fn path(path: &Path) -> ForeignText {
     ForeignText(path.to_string_lossy().into_owned())
 }

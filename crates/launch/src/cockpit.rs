@@ -21,17 +21,18 @@ keys! {
     /// Settings of the cockpit service, which serves a web page of the system.
     #[derive(Eq)]
     pub struct Cockpit {
-        /// Address to listen on. Other addresses than loopback ones require `tls`. If the port is
-        /// in use, the next free one is used.
+        /// Address to listen on. Addresses other than loopback require `tls`. If the port is in
+        /// use, the next free one is used.
         listen: SocketAddr = (Ipv4Addr::LOCALHOST, PORT).into(), By(listen);
-        /// Server certificate and key, PEM. If set, viewing requires a token, even on the loopback.
+        /// Server certificate and key, PEM. If set, viewing requires a token, even on the loopback
+        /// interface.
         tls: Option<CockpitTls> = None, Optional(Table(CockpitTls::read));
         /// Origins of other web pages that may read everything at `/foxglove`, in the form that
         /// browsers send, see docs/explanation/security-model.md.
         foxglove_origins: Vec<String> = Vec::new(), Texts::<MAX_ORIGINS>,
             example r#"["https://app.foxglove.dev"]"#;
-        /// Folder for the recordings that an operator starts on the page. Without it, none can be
-        /// started.
+        /// Folder for the recordings that an operator starts on the page. If it is not set, no
+        /// recording can be started.
         recordings: Option<PathBuf> = None, Optional(File), example r#""flights""#;
         /// Size at which such a recording ends.
         recording_max_mib: u64 = 4096, 1..=1_000_000, unit "MiB";

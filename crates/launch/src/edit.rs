@@ -75,7 +75,7 @@ pub fn write_sections(path: &Path, block: &str) -> Result<(), EditError> {
 }
 
 /// Replaces in `target` each section of `source` that has values. Returns the key of a section that
-/// exists but is no table.
+/// exists but is not a table.
 fn replace_sections(target: &mut Table, source: &Table) -> Result<(), String> {
     for (key, item) in source {
         let Some(source) = item.as_table() else { continue };
@@ -97,7 +97,7 @@ fn replace_sections(target: &mut Table, source: &Table) -> Result<(), String> {
     Ok(())
 }
 
-/// Replaces the values of a section. Comments at keys that remain are kept.
+/// Replaces the values of a section. Comments on remaining keys are kept.
 ///
 /// The section of a stage, which has parameters in `set`, keeps its stage and other parameters.
 fn replace_values(target: &mut Table, source: &Table) {

@@ -8,7 +8,7 @@ use crate::{Ingest, SectionDescription, Source, describe, keys::Named as _};
 const STAGES: &str = "stages";
 /// Section of the receiver, which exists only if the file contains it.
 const RECEIVER: &str = "ingest.receiver";
-/// Comment at values that the file does not set.
+/// Comment on values that the file does not set.
 const DEFAULT: &str = "# default";
 
 /// Returns the launch file `text` with the default of every key that it does not set.

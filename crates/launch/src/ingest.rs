@@ -23,8 +23,8 @@ keys! {
         /// Selected source, see docs/how-to/sensors.md. `plumb up --source
         /// 'serial:/dev/ttyUSB0?format=witmotion'` overrides it.
         source: Source = Source::Sim, choice();
-        /// Simulated sensors on a moving body. Also the errors of the scenario, such as
-        /// `gyro_bias_deg_s`, can be set, see docs/reference/launch-file.md.
+        /// Simulated sensors on a moving body. The errors of the scenario, such as
+        /// `gyro_bias_deg_s`, can also be set, see docs/reference/launch-file.md.
         sim: Sim = Sim::default(), Table(Sim::read);
         /// Replay of a recorded flight.
         replay: Replay = Replay::default(), Table(Replay::read_keys);

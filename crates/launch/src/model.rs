@@ -30,8 +30,8 @@ keys! {
         services: Vec<Service> = Service::LISTED.into(), By(services);
         /// Time span of messages that every topic holds before it overwrites the oldest message.
         buffer_s: f64 = 2.0, 0.1..=60.0, unit "s";
-        /// Lead of one input at which a join gives up a missing message of another input. It must
-        /// be less than `buffer_s`.
+        /// Time by which another input must be ahead before a join gives up a missing message. It
+        /// must be less than `buffer_s`.
         lateness_s: f64 = 1.0, 0.01..=60.0, unit "s";
         /// File that keeps gyro bias, gyro scale and hard iron when the whole system stops. "auto"
         /// is a file named after the system for live sources except "stdin", and no file for other

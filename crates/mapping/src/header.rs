@@ -1,4 +1,4 @@
-//! Quantities and units that column names state, such as `gyro_x (deg/s)` or `acc_x_mg`.
+//! Quantities and units given in column names, such as `gyro_x (deg/s)` or `acc_x_mg`.
 
 use crate::{
     text::without_unit,
@@ -164,7 +164,7 @@ fn plain_unit(text: &str) -> String {
 /// Error in the units that column names state.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 pub enum HeaderError {
-    /// Column names state different units of the same quantity.
+    /// Column names give different units for the same quantity.
     #[error("the column names {first:?} and {second:?} state the units {} of the {quantity}", units.join(" and "))]
     DifferentUnits {
         /// Quantity of the columns.
@@ -173,12 +173,12 @@ pub enum HeaderError {
         first: String,
         /// Second column.
         second: String,
-        /// Units of both.
+        /// Units of the two columns.
         units: [&'static str; 2],
         /// List of units that resolves the error.
         remedy: String,
     },
-    /// Column names state no unit, although their quantity has no usual one under these names.
+    /// Column names give no unit, although there is no usual unit for a quantity with these names.
     #[error("the column names {} state no unit", names.iter().map(|name| format!("{name:?}")).collect::<Vec<_>>().join(", "))]
     MissingUnits {
         /// A column of each quantity.

@@ -37,7 +37,7 @@ const VELOCITY_DOWN: [&str; 3] = ["ve", "vn", "vd"];
 /// Targets of the position. Each is optional.
 pub const POSITION: [&str; 3] = ["lat", "lon", "alt"];
 
-/// Rank of names that are neither mapped nor those of a recording.
+/// Rank of column names that are neither mapped explicitly nor those of a recording.
 const ALIAS_RANK: u8 = 2;
 /// Number of decimal places needed to write a time in seconds with nanosecond resolution.
 const SECOND_DIGITS: usize = 9;
@@ -57,13 +57,13 @@ pub struct Mapping {
     /// `true` if the columns were named by the user.
     is_explicit: bool,
     units: Units,
-    /// Number of decimal places of the unit of time; `None` if the user named no unit.
+    /// Number of decimal places of the unit of time; `None` if the user specified no unit.
     time_digits: Option<usize>,
     body: Option<Body>,
     earth: Option<Earth>,
 }
 
-/// Factors that convert to rad/s, m/s² and µT. `None` if the user named no unit.
+/// Factors that convert to rad/s, m/s² and µT. `None` if the user specified no unit.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub struct Units {
     /// Factor of the body rate.
@@ -258,16 +258,16 @@ impl Mapping {
         UNITS.into_iter().filter(|(_, unit)| is_set(*unit)).map(|(name, _)| name).collect()
     }
 
-    /// Takes the units that the column names state, for quantities without a unit in the mapping.
-    /// Returns the new mapping, and the names of these units without the default ones.
+    /// Adopts the units in the column names for quantities without a unit in the mapping. Returns
+    /// the new mapping, and the names of the adopted units except default ones.
     ///
     /// `names_of` returns the names of the columns that hold a target. `needs_time_unit` is `false`
     /// if the times are dates or times of day, which have no unit.
     ///
     /// # Errors
     ///
-    /// Returns an error if names of one quantity state different units, or if a name that is not
-    /// a default one states no unit.
+    /// Returns an error if names of one quantity give different units, or if a name that is not a
+    /// default one gives no unit.
     pub fn with_header_units<'a>(
         &self,
         names_of: impl Fn(&'static str) -> Vec<&'a str>,
@@ -371,12 +371,12 @@ impl Mapping {
             .then(|| frames::quaternion_to_native(self.earth.unwrap_or_default(), self.body(), quaternion))
     }
 
-    /// Returns the units that the user named.
+    /// Returns the units that the user specified.
     pub fn units(&self) -> Units {
         self.units
     }
 
-    /// Returns the body axes and the earth axes that the user named.
+    /// Returns the body axes and the earth axes that the user specified.
     pub fn frame(&self) -> (Option<Body>, Option<Earth>) {
         (self.body, self.earth)
     }
@@ -385,11 +385,11 @@ impl Mapping {
         self.body.unwrap_or_default()
     }
 
-    /// Returns how well the name of a column fits `target`, best first; `None` if the column does
-    /// not hold it. Among several columns, those with the lowest rank are meant.
+    /// Returns the rank of a column name as a match for `target`, 0 for the best match; `None` if
+    /// it does not match. If several columns match, those with the lowest rank are selected.
     ///
     /// A unit in brackets at the end of the name is ignored. The time of a recording is called
-    /// `t_s`. Without a mapping of the columns, names such as `gyro_x` or `GyroX_dps` also fit.
+    /// `t_s`. Without a mapping of the columns, names such as `gyro_x` or `GyroX_dps` also match.
     pub fn match_rank(&self, target: &str, name: &str) -> Option<u8> {
         let column = self.column(target).unwrap_or(target);
         let plain = without_unit(name);

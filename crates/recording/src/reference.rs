@@ -32,7 +32,7 @@ const MAX_SLOW_GAP_NS: i64 = 1_100_000_000;
 /// Cosine of half the largest rotation across which slow rows are interpolated: 5°.
 const MIN_HALF_ROTATION_COS: f64 = 0.999_048_221_581_857_8;
 
-/// Maximum number of rows by which a series is judged.
+/// Maximum number of rows that are read to judge a series.
 const MAX_JUDGED_ROWS: usize = 10_000;
 /// Maximum share of large rotations in a slow series that is interpolated.
 ///
@@ -132,8 +132,9 @@ fn open_table(path: &Path) -> Result<Table<Columns>, RecordingError> {
     })
 }
 
-/// Returns `true` unless the rows are slow and rotate far between two of them. The rows up to the
-/// first malformed one count, which is reported when it is reached.
+/// Returns `true` unless the rows are slow and the rotation between two slow rows is often large.
+/// Only the rows before the first malformed one are used. The malformed row is reported when the
+/// reader reaches it.
 fn is_calm(mut table: Table<Columns>) -> bool {
     let (mut before, mut slow, mut large) = (None::<ReferenceRow>, 0usize, 0usize);
     let rows = std::iter::from_fn(|| table.next(parse_row)?.ok());

@@ -71,15 +71,16 @@ const SCALE: AgeingModel = AgeingModel { random_walk: 1.2e-6, power_cycle_sd: 0.
 /// would follow a temperature change of a few degrees too slowly.
 const MIN_SCALE_SD: f64 = 0.002;
 
-/// Quantity, largest plausible magnitude, its factor from the unit of the estimate, and unit: gyro
-/// bias and hard iron. [`Estimate::validate`] limits the gyro scale error.
+/// Plausibility limits of gyro bias and hard iron. Each entry has the quantity, its largest
+/// plausible magnitude, the factor from the unit of the estimate to that of the magnitude, and this
+/// unit. [`Estimate::validate`] limits the gyro scale error.
 ///
 /// A larger value is a damaged or forged file rather than a sensor: the zero-rate level of consumer
 /// gyros is within a few °/s, and a field of 1000 µT exceeds that of the Earth 20 times.
 const PLAUSIBLE: [(&str, f64, f64, &str); 2] =
     [("gyro bias", 15.0, 180.0 / std::f64::consts::PI, "°/s"), ("hard iron", 1000.0, 1.0, "µT")];
 
-/// Value of a prior that no sensor has.
+/// Value of a prior that is too large for any plausible sensor.
 #[derive(Debug, Clone, Copy, PartialEq, thiserror::Error)]
 #[error("its {quantity} of {found:.1} {unit} is implausible; the limit is ±{limit} {unit}")]
 pub struct ImplausibleValue {
@@ -157,7 +158,7 @@ impl Prior {
         self.estimates().into_iter().flatten().all(|estimate| estimate.sd > 0.0) && self.estimate().validate().is_ok()
     }
 
-    /// Returns a value that is larger than that of any plausible sensor.
+    /// Returns the first value that is too large for any plausible sensor.
     pub fn implausible_value(&self) -> Option<ImplausibleValue> {
         self.estimates().into_iter().zip(PLAUSIBLE).find_map(|(estimate, (quantity, limit, factor, unit))| {
             let values = estimate?.mean.map(|value| value * factor);

@@ -1,4 +1,5 @@
-//! Processing in a slot, independent of clock and bus: messages in, messages out, in tick order.
+//! Message processing of a slot, independent of clock and bus: messages in, messages out, in tick
+//! order.
 
 use attitude::{
     resetting::ResettingStage,
@@ -11,7 +12,7 @@ use swap::Sequence;
 
 use crate::comparable::Comparable;
 
-/// Processing in a slot. Outputs depend only on the messages that were offered.
+/// Message processing of a slot. Outputs depend only on the messages that were offered.
 pub trait SlotProcessor {
     /// Slot that runs the stage.
     const SLOT: Slot;
@@ -64,7 +65,7 @@ pub trait SlotProcessor {
     fn expect_backlog(&mut self, _tick: u64) {}
 }
 
-/// Processing in a slot that has one input and produces one output per input message.
+/// Message processing of a slot that has one input and produces one output per input message.
 pub trait TickProcessor {
     /// Slot that runs the stage.
     const SLOT: Slot;

@@ -13,9 +13,9 @@
 //! | module | contents |
 //! | --- | --- |
 //! | `event` | configuration, events and actions |
-//! | `supervision` | [`Supervision`]: passes each event to the decision on it |
-//! | `state` | what a supervision remembers, one file per subject |
-//! | `decisions` | what it decides on an event, one file per subject |
+//! | `supervision` | [`Supervision`]: passes each event to the function that handles it |
+//! | `state` | state of a supervision, one file per subject |
+//! | `decisions` | decisions on events, one file per subject |
 #![forbid(unsafe_code)]
 
 mod decisions;

@@ -24,11 +24,12 @@ use crate::{calibration::CalibrationRequest, decimator::MAX_EVENTS};
 /// Maximum number of snapshots by which a viewer may be late, a quarter of a second. A viewer that
 /// falls further behind continues with the newest snapshot.
 const MAX_LATE_SNAPSHOTS: usize = 8;
-/// Time for which a new viewer receives every snapshot, however late it is. The last minute has
-/// about 2 MB, and a page that starts is busy at first.
+/// Time for which a new viewer receives every snapshot, however late it is. The snapshots of the
+/// last minute take about 2 MB, and a page is busy while it loads.
 const CATCH_UP_TIME: Duration = Duration::from_secs(10);
 
-/// Time for which snapshots are kept for new viewers. It is the time span of the page's strips.
+/// Time for which snapshots are kept for new viewers. It equals the time span of the strip charts
+/// on the page.
 const HISTORY: Duration = Duration::from_secs(60);
 /// Maximum size of the snapshots that are kept, bytes: twice that of an ordinary minute.
 const MAX_HISTORY_BYTES: usize = 8 << 20;
@@ -122,7 +123,7 @@ impl History {
             self.bytes -= message.len();
             self.snapshots.remove(at);
         }
-        // Without new data, those of the last minute with data are kept.
+        // Without new data, the snapshots of the last minute that has data are kept.
         let from_ns = if has_data { t_ns.saturating_sub(HISTORY.as_nanos() as u64) } else { 0 };
         while let Some(first) = self.snapshots.front()
             && (first.t_ns < from_ns || self.bytes > MAX_HISTORY_BYTES)
@@ -331,7 +332,7 @@ mod tests {
                 next += 1;
             }
         }
-        // A page that starts may be too busy to receive the next ones in time.
+        // A page that is loading may be too busy to receive the next snapshots in time.
         (next..next + 100).for_each(|number| hub.publish_snapshot(with_data(number)));
         (received, next) = (received.into_iter().chain(receive(&hub, &mut cursor)).collect(), next + 100);
         let numbers: Vec<_> = received.iter().skip(1).map(|picture| picture.number).collect();

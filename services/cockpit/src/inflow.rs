@@ -40,7 +40,7 @@ const DELAY: Duration = Duration::from_millis(100);
 /// Framing of a ping or pong: two bytes of header and four of mask.
 const CONTROL_FRAMING_BYTES: usize = 6;
 
-/// Account of the bytes of a client's incomplete message.
+/// Count of the bytes of a client's incomplete message.
 #[derive(Debug, Default)]
 pub(crate) struct Inflow {
     /// `true` once the connection is a WebSocket.
@@ -50,14 +50,14 @@ pub(crate) struct Inflow {
 }
 
 impl Inflow {
-    /// Starts the account: from now on, the connection is a WebSocket.
+    /// Starts counting, because the connection has become a WebSocket.
     pub(crate) fn start_messages(&self) {
         self.partial_bytes.store(0, Ordering::Relaxed);
         self.has_messages.store(true, Ordering::Relaxed);
     }
 
-    /// Records a received message. Pings and pongs may come between the fragments of a message, so
-    /// they only account for their own bytes.
+    /// Records a received message. A ping or pong may arrive between the fragments of a message, so
+    /// only its own bytes are subtracted from the count.
     pub(crate) fn record(&self, message: &Message) {
         let bytes = match message {
             Message::Ping(data) | Message::Pong(data) => data.len() + CONTROL_FRAMING_BYTES,
@@ -87,7 +87,7 @@ impl Allowance {
     /// Returns the number of bytes that the client may send at `now`.
     fn at(&mut self, now: Instant) -> usize {
         let earned = now.saturating_duration_since(self.updated_at).as_secs_f64() * RATE_PER_S as f64;
-        // Time that does not amount to a byte yet is kept.
+        // Time that is too short to earn a byte is carried over.
         if earned >= 1.0 {
             self.bytes = self.bytes.saturating_add(earned as usize).min(BURST_BYTES);
             self.updated_at = now;

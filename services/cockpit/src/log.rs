@@ -3,7 +3,7 @@
 //! Input: the file to which the supervisor of the system writes its messages and those of the
 //! services, as with `plumb up --detach`.
 //! Output: the last lines, with control characters escaped and without tokens.
-//! Failure: if the messages go elsewhere, the reason names the place.
+//! Failure: if the messages go elsewhere, the error names the destination.
 
 use std::{
     fs::{self, File},
@@ -54,7 +54,7 @@ pub(crate) fn last_lines(supervisor_pid: u32) -> Result<Vec<String>, LogError> {
     file.seek(SeekFrom::Start(start))?;
     let mut bytes = Vec::new();
     file.take(MAX_BYTES).read_to_end(&mut bytes)?;
-    // The first line may have been cut.
+    // The first line may be incomplete.
     let from = if start > 0 { bytes.iter().position(|byte| *byte == b'\n').map_or(0, |at| at + 1) } else { 0 };
     let lines: Vec<_> = bytes[from..].split(|byte| *byte == b'\n').filter(|line| !line.is_empty()).collect();
     let last = &lines[lines.len().saturating_sub(MAX_LINES)..];

@@ -1,10 +1,10 @@
-//! Places of the clients, which decide on access if there are more clients than the server can
-//! serve.
+//! Limits on the number of clients. Each client occupies a place, and each class of clients has a
+//! limited number of places.
 //!
-//! Input: the address of each client, what it uses and the role that its token grants.
+//! Input: the address of each client, the use of its connection and the role that its token grants.
 //! Output: a place, or an error if the places of its class are taken.
 //! Failure: a class without a token admits every newcomer. The oldest client of the address that
-//! holds the most places gives way, so that a newcomer always has the time to show a token.
+//! occupies the most places is displaced, so that a newcomer always has time to present a token.
 
 use std::{
     collections::BTreeMap,
@@ -47,8 +47,8 @@ struct Limits {
     total: usize,
     /// Maximum number of places per address.
     per_address: usize,
-    /// `true` if another client gives way to a newcomer beyond the limits, `false` if the newcomer
-    /// is rejected.
+    /// `true` if a newcomer beyond the limits displaces another client, `false` if the newcomer is
+    /// rejected.
     displaces: bool,
 }
 
@@ -62,7 +62,7 @@ fn limits((usage, role): Class) -> Limits {
         #[cfg(feature = "foxglove")]
         (Use::Foxglove, _) => (8, 8),
     };
-    // A Foxglove client cannot show a token after the connection is established.
+    // A Foxglove client cannot present a token after the connection is established.
     let displaces = role.is_none() && matches!(usage, Use::Requests | Use::Viewer);
     Limits { total, per_address, displaces }
 }
@@ -78,7 +78,8 @@ pub(crate) struct Places(Mutex<Occupants>);
 
 #[derive(Debug, Default)]
 struct Occupants {
-    /// Occupants by the number of their entry into their class, so that the oldest comes first.
+    /// Occupants by entry number, so that the oldest comes first. An occupant gets an entry number
+    /// when it enters a class.
     by_entry: BTreeMap<u64, Occupant>,
     next_entry: u64,
 }
@@ -87,7 +88,7 @@ struct Occupants {
 struct Occupant {
     network: IpAddr,
     class: Class,
-    /// Closed when the occupant must give way.
+    /// Closed when the occupant is displaced.
     displaced: Arc<Semaphore>,
 }
 
@@ -97,7 +98,7 @@ pub(crate) struct Place(Arc<PlaceState>);
 
 struct PlaceState {
     places: Arc<Places>,
-    /// Entry of the occupant.
+    /// Entry number of the occupant.
     entry: Mutex<u64>,
     displaced: Arc<Semaphore>,
     requests: AtomicU32,
@@ -105,7 +106,7 @@ struct PlaceState {
 }
 
 impl Places {
-    /// Returns the place of a new connection, which has shown no token yet.
+    /// Returns the place of a new connection, which has not presented a token yet.
     pub(crate) fn admit(self: &Arc<Self>, address: IpAddr) -> Place {
         let displaced = Arc::new(Semaphore::new(0));
         let class = (Use::Requests, None);
@@ -132,7 +133,7 @@ impl Occupants {
         entry
     }
 
-    /// Makes room for a newcomer of the class, if necessary by displacing an occupant.
+    /// Makes room for a newcomer to the class, if necessary by displacing an occupant.
     fn make_room(&mut self, newcomer: IpAddr, class: Class) -> Result<(), NoPlace> {
         let limits = limits(class);
         let mut counts = BTreeMap::<IpAddr, usize>::new();
@@ -157,27 +158,27 @@ impl Occupants {
 }
 
 impl Place {
-    /// Returns the role that the client's token grants; `None` if it has shown none.
+    /// Returns the role that the client's token grants; `None` if it has not presented one.
     pub(crate) fn role(&self) -> Option<Role> {
         let occupants = self.0.places.occupants();
         occupants.by_entry.get(&self.entry()).and_then(|occupant| occupant.class.1)
     }
 
-    /// Moves the client to the places of its new use.
+    /// Moves the client to the class of its new use.
     ///
     /// # Errors
     ///
-    /// Fails if these places are taken. The client then keeps its previous place.
+    /// Fails if all places of the class are taken. The client then keeps its previous place.
     pub(crate) fn change_use(&self, usage: Use) -> Result<(), NoPlace> {
         self.change_class(|(_, role)| (usage, role))
     }
 
-    /// Moves the client to the places of those that have shown a token. The role of an operator is
-    /// kept.
+    /// Moves the client to the class of clients that have presented a token. The role of an
+    /// operator is kept.
     ///
     /// # Errors
     ///
-    /// Fails if these places are taken. The client then keeps its previous place.
+    /// Fails if all places of the class are taken. The client then keeps its previous place.
     pub(crate) fn show_token(&self, role: Role) -> Result<(), NoPlace> {
         self.change_class(|(usage, known)| (usage, known.filter(|known| *known == Role::Operator).or(Some(role))))
     }
@@ -208,7 +209,7 @@ impl Place {
         &self.0.inflow
     }
 
-    /// Runs a future until it completes or the client must give way.
+    /// Runs a future until it completes or the client is displaced.
     pub(crate) async fn hold(&self, future: impl Future<Output = ()>) {
         let (mut displaced, mut future) = (pin!(self.0.displaced.acquire()), pin!(future));
         poll_fn(|context| match displaced.as_mut().poll(context) {

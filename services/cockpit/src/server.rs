@@ -275,7 +275,7 @@ async fn serve_connection(stream: impl AsyncRead + AsyncWrite + Unpin + Send + '
     let _ = http.serve_connection(TokioIo::new(stream), service).with_upgrades().await;
 }
 
-/// Moves a connection to the places of clients with a token if the request has a valid one. Closes
+/// Moves a connection to the class of clients with a token if the request has a valid one. Closes
 /// other connections after a few requests.
 async fn take_place(
     State(state): State<Arc<ServerState>>,
@@ -329,7 +329,7 @@ async fn serve_viewer(mut socket: WebSocket, state: &ServerState, uri: &Uri, pla
     }
     let open_view = || state.view(uri, ViewUse::of_viewer(place.role()));
     let mut view = open_view();
-    // The views for clients without a token may be taken. A page that has a token shows it in its
+    // All views for clients without a token may be in use. A page that has a token sends it in its
     // first message.
     if view.is_err() && place.role().is_none() && socket::receive_token(&mut socket, tokens, place).await.is_ok() {
         view = open_view();

@@ -48,7 +48,7 @@ pub(crate) enum TokenRejection {
     /// The first message contains no valid token.
     #[error("token missing or wrong")]
     Missing,
-    /// The places of clients with this token are taken.
+    /// All places of clients with this token are taken.
     #[error(transparent)]
     NoPlace(#[from] NoPlace),
 }
@@ -64,7 +64,7 @@ pub(crate) async fn close(mut socket: WebSocket, code: u16, reason: &str) {
 ///
 /// # Errors
 ///
-/// Fails if the message does not arrive in time, contains no valid token, or the places of clients
+/// Fails if the message does not arrive in time, contains no valid token, or all places of clients
 /// with this token are taken.
 pub(crate) async fn receive_token(
     socket: &mut WebSocket,
@@ -100,7 +100,7 @@ pub(crate) async fn serve(
             Event::Command(bytes) => match PageCommand::from_bytes(&bytes) {
                 Ok(command) => {
                     if let Some(role) = tokens.and_then(|tokens| tokens.role(&command.token)) {
-                        // If no such place is free, the viewer keeps its present one.
+                        // If there is no free place, the viewer keeps its present one.
                         let _ = place.show_token(role);
                     }
                     session.handle(command);

@@ -22,7 +22,7 @@ pub enum ViewUse {
     Metrics,
     /// Viewers without a token.
     Anonymous,
-    /// Viewers that have shown a token.
+    /// Viewers that have presented a token.
     Authorized,
 }
 

@@ -2,7 +2,7 @@
 //!
 //! Input: the bytes of a serial port at the usual baud rates.
 //!
-//! Output: format, baud rate, measured rate, axes and units, or the reason why there are none.
+//! Output: format, baud rate, measured rate, axes and units, or the reason why they are unknown.
 //!
 //! Time: at most [`MAX_PORT_TIME`] per port.
 //!
@@ -33,24 +33,24 @@ pub const MAX_PORT_TIME: Duration = Duration::from_millis(1_500 * BAUD_RATES.len
 const READ_TIMEOUT: Duration = Duration::from_millis(20);
 /// Maximum number of bytes that are kept per baud rate.
 const MAX_BYTES: usize = 1 << 20;
-/// Number of measurements from which a format is recognised. Other bytes contain fewer valid
-/// messages by chance, even of a format without a checksum.
+/// Minimum number of measurements for recognising a format. Bytes of another format contain fewer
+/// valid messages by chance, even if the format has no checksum.
 const MIN_MEASUREMENTS: usize = 5;
-/// Number of messages from which a receiver is recognised. Its messages have checksums.
+/// Minimum number of messages for recognising a receiver. Its messages have checksums.
 const MIN_RECEIVER_MESSAGES: u64 = 1;
 /// Maximum share of bytes that belong to no message, for formats without other messages.
 const MAX_SKIPPED_SHARE: f64 = 0.2;
 /// Standard gravity, m/s².
 const GRAVITY_M_S2: f64 = 9.806_65;
-/// Relative deviation within which a specific force at rest is that of gravity.
+/// Maximum relative deviation of the specific force at rest from gravity.
 const GRAVITY_TOLERANCE: f64 = 0.2;
 /// Usual sample rates, Hz.
 const USUAL_RATES_HZ: [f64; 17] =
     [1.0, 2.0, 4.0, 5.0, 10.0, 20.0, 25.0, 40.0, 50.0, 100.0, 200.0, 250.0, 400.0, 500.0, 800.0, 1000.0, 2000.0];
-/// Relative deviation within which a measured rate is a usual one.
+/// Maximum relative deviation of a measured rate from a usual rate.
 const RATE_TOLERANCE: f64 = 0.05;
 
-/// Port and what was found on it.
+/// Port and the result of listening to it.
 #[derive(Debug, Clone, PartialEq)]
 pub struct PortFinding {
     /// Path of the device file, which is stable if the device has such a name.
@@ -345,7 +345,7 @@ fn up_axis(force_m_s2: [f64; 3]) -> Option<&'static str> {
     axes.into_iter().zip(parts).find(|(_, part)| *part > 0.8 * length).map(|(axis, _)| axis)
 }
 
-/// Units of lines of numbers, derived from the size of gravity and the steps of the time.
+/// Units of numeric lines, derived from the magnitude of gravity and the steps of the time.
 struct Units {
     time: &'static str,
     force: &'static str,

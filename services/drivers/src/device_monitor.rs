@@ -40,10 +40,10 @@ const CLOCK: &str = "clock";
 const WINDOW_S: usize = 10;
 /// Time without bytes after which an open device counts as silent, s.
 const SILENCE_S: usize = 3;
-/// Number of received bytes from which a wrong format or speed is reported if the bytes contain no
-/// valid message. The number is many times the length of a typical message.
+/// Minimum number of received bytes without a valid message at which a wrong format or speed is
+/// reported. The number is many times the length of a typical message.
 const FORMAT_BYTES: u64 = 1024;
-/// Number of received messages from which a problem is reported if none contains a measurement.
+/// Minimum number of received messages without a measurement at which a problem is reported.
 const MIN_MESSAGES: u64 = 100;
 /// Maximum share of rejected messages. An intact connection stays below it.
 const MAX_REJECTED_SHARE: f64 = 0.01;
@@ -52,8 +52,8 @@ const MAX_SKIPPED_SHARE: f64 = 0.05;
 /// Ratio of measured and declared rate, or its inverse, above which the declared rate is wrong.
 /// The clock fit allows the same deviation.
 const MAX_RATE_RATIO: f64 = 1.5;
-/// Number of clock steps within the window at which a problem is reported. A device that merely
-/// restarts causes fewer steps.
+/// Minimum number of clock steps within the window at which a problem is reported. A device that
+/// merely restarts causes fewer steps.
 const MIN_CLOCK_STEPS: u64 = 5;
 
 /// Check of the measured rate.

@@ -5,7 +5,7 @@
 //! Time: the tables are read once per [`UPDATE_INTERVAL`], because they list all sockets of the
 //! host.
 //!
-//! Failure: if a table cannot be read, the number stays.
+//! Failure: if a table cannot be read, the number stays unchanged.
 
 use std::{
     fs::File,
@@ -26,7 +26,7 @@ const DROPS_COLUMN: usize = 12;
 /// Counter of the dropped datagrams of one socket.
 pub(crate) struct DropCounter {
     inode: u64,
-    /// Last value of the kernel, which wraps.
+    /// Last value reported by the kernel, which wraps.
     last: u32,
     total: u64,
     next_update: Instant,

@@ -167,7 +167,7 @@ impl DeviceStream {
                         return Ok(ReadOutcome::Data { after_outage });
                     };
                     if let Some(TextState { preamble, .. }) = &mut self.text {
-                        // A sender that does not name its columns has those of the preamble.
+                        // A sender that does not name its columns uses those of the preamble.
                         let mut found = Vec::new();
                         (self.make_decoder)()?.push(&sender_text, &mut found);
                         if !found.is_empty() {

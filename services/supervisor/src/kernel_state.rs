@@ -23,7 +23,7 @@ pub(crate) fn describe(pid: u32) -> String {
 
 fn describe_thread(task: &Path) -> Option<String> {
     let stat = fs::read_to_string(task.join("stat")).ok()?;
-    // The name is in parentheses and may contain some. The state letter follows.
+    // The name is in parentheses and may itself contain parentheses. The state letter follows.
     let (name, rest) = stat.split_once('(')?.1.rsplit_once(')')?;
     let state = rest.trim_start().chars().next()?;
     // A running thread, or a kernel that hides the function, yields "0".

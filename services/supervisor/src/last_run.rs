@@ -60,7 +60,7 @@ pub struct LastRun {
     pub started_unix_s: u64,
     /// End, s since 1970. For a run that was killed, the last time at which it was alive.
     pub ended_unix_s: u64,
-    /// Reason of the end.
+    /// Reason for the end.
     pub reason: EndReason,
 }
 
@@ -70,7 +70,7 @@ pub struct LastRun {
 pub enum EndReason {
     /// The run failed with this error.
     Failed(String),
-    /// The supervisor, of this process id, was killed or crashed.
+    /// The supervisor with this process ID was killed or crashed.
     Killed(u32),
     /// The machine stopped while the system ran.
     MachineStopped,

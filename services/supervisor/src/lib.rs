@@ -73,7 +73,7 @@ pub fn up(request: &Request) -> Result<Report, UpError> {
     // without a writer. Signals received after this point end the run with a report.
     let plan = Plan::new(request)?;
     let stop_requested = install_signal_handlers()?;
-    // Dropped last, so that what an external stage has started ends with the run.
+    // Dropped last, so that processes started by an external stage end with the run.
     let _orphans = Orphans::default();
     // If there are external stages, all stages are created once here, so that invalid parameters
     // are rejected before any service starts. Other errors are ignored here, because the restart

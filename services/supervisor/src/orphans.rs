@@ -1,4 +1,4 @@
-//! Ends processes that killed services leave behind: external stages and what these have started.
+//! Ends processes that killed services leave behind: external stages and their child processes.
 //!
 //! - Input: the child processes of this process.
 //! - Output: killed and reaped orphans.

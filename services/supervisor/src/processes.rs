@@ -47,7 +47,7 @@ const USER_HZ: f64 = 100.0;
 /// Time allowed for a process to exit at shutdown before it is killed.
 const TERMINATE_TIMEOUT: Duration = Duration::from_millis(800);
 
-/// Duration from the kill of a process to its exit from which the duration is reported.
+/// Time between the kill and the exit of a process above which the time is reported.
 const LATE_EXIT: Duration = Duration::from_millis(100);
 
 /// Maximum number of exited processes that wait for the reaper thread.
@@ -104,7 +104,7 @@ struct Process {
 #[derive(Debug)]
 struct Kill {
     at: Instant,
-    /// State of the process in the kernel before.
+    /// State of the process in the kernel before the kill.
     kernel_state: String,
 }
 

@@ -7,7 +7,7 @@
 //! [`NoiseReport`].
 //!
 //! Failure: readings with too short rests, a varying rate or a constant axis are rejected. A
-//! coefficient that the readings do not show is reported as such, with an upper limit.
+//! coefficient that the readings do not determine is reported as such, with an upper limit.
 //!
 //! The Allan deviations are fitted from τ = 1 s on. At shorter τ, the low-pass filter of the
 //! sensor, repeated values and quantisation change the deviations.
@@ -49,15 +49,16 @@ const RATE_RANGE_HZ: std::ops::RangeInclusive<f64> = 10.0..=10_000.0;
 const FIRST_TAU_S: f64 = 1.0;
 /// Minimum ratio of a coefficient N², B² or K² to its standard deviation.
 const MIN_SIGNIFICANCE: f64 = 2.0;
-/// Ratio of the distance of an upper limit from the estimate to the standard deviation: 95 % of
+/// Distance of an upper limit from the estimate, in standard deviations. It corresponds to 95 % of
 /// a normal distribution.
 const UPPER_LIMIT: f64 = 1.645;
-/// Number of repetitions of the computation of an upper limit.
+/// Number of iterations in which an upper limit is computed.
 const LIMIT_REPETITIONS: usize = 3;
-/// Number of doublings of the recording that are tried for a coefficient that is not shown.
+/// Maximum number of times that the recording is doubled to find a duration that determines a
+/// coefficient.
 const MAX_DOUBLINGS: u32 = 6;
-/// Ratio of the excess of χ² over its mean to its standard deviation above which the model does not
-/// describe the deviations.
+/// Excess of χ² over its mean above which the model does not describe the deviations, in standard
+/// deviations of χ².
 const MAX_MISFIT: f64 = 4.0;
 /// Maximum number of motions that a message lists.
 const MAX_LISTED: usize = 5;
@@ -321,7 +322,8 @@ impl<'a> Series<'a> {
             let (low, high) = report::interval(square, 2.0 * (square / sd).powi(2));
             return Estimate::Determined { value: square.sqrt(), interval: [low, high] };
         }
-        // The standard deviation grows with the coefficient, so that of the limit counts.
+        // The standard deviation grows with the coefficient, so the standard deviation at the limit
+        // is used.
         let mut coefficients = fit.coefficients;
         coefficients[index] = square + UPPER_LIMIT * sd;
         for _ in 0..LIMIT_REPETITIONS {
@@ -341,7 +343,7 @@ struct Forecast {
     /// Total duration of the rests, s.
     total_s: f64,
     interval_s: f64,
-    /// Intervals τ, s, and covariances of a rest that is 2, 4, 8 … times as long.
+    /// Intervals τ, s, and covariances for a rest that is 2, 4, 8 … times as long.
     doublings: Vec<(Vec<f64>, Covariances)>,
 }
 

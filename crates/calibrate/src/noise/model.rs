@@ -2,8 +2,8 @@
 //!
 //! The Allan variance is σ²(τ) = N²/τ + (2 ln 2 / π) B² + K² τ/3 (IEEE Std 952-1997, annex C) with
 //! the random walk N of the integrated signal, the bias instability B and the random walk K of the
-//! bias. N², B² and K² are fitted with the covariance matrix of all estimates, which depends on
-//! them, so the fit is repeated until they no longer change. None of them is negative.
+//! bias. N², B² and K² are fitted with the covariance matrix of all estimates. The matrix depends
+//! on them, so the fit is repeated until they no longer change. None of them may be negative.
 
 use nalgebra::{SMatrix, SVector};
 
@@ -13,8 +13,8 @@ use super::allan::{Coefficients, Covariances, TYPES};
 const MAX_REPETITIONS: usize = 100;
 /// Relative change of the coefficients at which the fit has converged.
 const TOLERANCE: f64 = 1e-6;
-/// Share of a repetition's change that is applied. Without it, the repetitions could alternate
-/// between two sets of noise types.
+/// Share of the change that is applied in each repetition. If the whole change were applied, the
+/// repetitions could alternate between two sets of noise types.
 const STEP: f64 = 0.5;
 
 /// Fitted coefficients.
@@ -119,7 +119,7 @@ impl Equations {
         self.rows.iter().zip(&self.values).map(|(row, value)| (value - row.dot(&scaled)).powi(2)).sum()
     }
 
-    /// Returns the best coefficients of which none is negative. Each set of noise types is tried.
+    /// Returns the best coefficients that are not negative. Each set of noise types is tried.
     fn solve(&self) -> Option<Coefficients> {
         let information = self.information();
         let gradient: SVector<f64, TYPES> = self.rows.iter().zip(&self.values).map(|(row, value)| row * *value).sum();

@@ -22,7 +22,7 @@ pub struct NoiseReport {
     pub sensors: Vec<SensorNoise>,
     /// Remarks for the user.
     pub notes: Vec<String>,
-    /// Section for the launch file, TOML; empty if no parameter follows.
+    /// Section for the launch file, TOML; empty if no parameter is determined.
     pub block: String,
 }
 
@@ -72,19 +72,19 @@ pub(super) type Selector = fn(&AxisNoise) -> &Estimate;
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 #[serde(tag = "result", rename_all = "snake_case")]
 pub enum Estimate {
-    /// The recording shows the coefficient.
+    /// The recording determines the coefficient.
     Determined {
         /// Value.
         value: f64,
         /// Ends of the confidence interval.
         interval: [f64; 2],
     },
-    /// The recording is too short to show the coefficient.
+    /// The recording is too short to determine the coefficient.
     NotDetermined {
         /// Upper limit at a confidence of 95 %.
         below: f64,
-        /// Duration of a rest that shows a coefficient as large as the limit, min; `None` if it is
-        /// more than 64 times the duration of this recording.
+        /// Duration of a rest that would determine a coefficient as large as the limit, min; `None`
+        /// if it is more than 64 times the duration of this recording.
         needs_min: Option<f64>,
     },
 }

@@ -35,7 +35,8 @@ const NOISE_FACTOR: f64 = 12.0;
 struct Limits {
     /// Range to which the limit of the standard deviation is clamped.
     sd: (f64, f64),
-    /// Range to which the limit of the change of the mean is clamped, without noise.
+    /// Range to which the limit of the change of the mean is clamped. An allowance for noise is
+    /// added to the upper end.
     step: (f64, f64),
     /// Maximum difference of the mean from that of the first block of a rest.
     turn: f64,

@@ -6,7 +6,7 @@ use super::report::{Estimate, Selector, SensorNoise};
 
 /// Relation of a parameter to the measured noise.
 enum Rule {
-    /// The parameter is the measured value. All axes must be determined.
+    /// The parameter is set to the measured value. The value must be determined on all axes.
     Measured,
     /// The parameter also describes errors that a rest does not show, such as bias drift by
     /// temperature or coning. A measured value replaces the default only if it is larger.
@@ -24,13 +24,13 @@ const PARAMETERS: [(&str, &str, Selector, Rule); 5] = [
 
 /// Parameters for a fuser.
 pub(super) struct Settings {
-    /// Section for the launch file; empty if no parameter follows.
+    /// Section for the launch file; empty if no parameter is determined.
     pub(super) block: String,
     pub(super) note: Option<String>,
 }
 
 /// Returns the parameters of the fuser `stage` that follow from the noise. A fuser has one value
-/// for all axes: that of the noisiest one.
+/// for all axes, which is that of the noisiest axis.
 pub(super) fn from_noise(sensors: &[SensorNoise], stage: &str) -> Settings {
     let Some(fuser) = Fuser::from_name(stage) else {
         let note = format!("the fuser {stage} is not a built-in stage, so its parameters for noise are unknown");

@@ -15,9 +15,9 @@ const RATE_HZ: f64 = 10.0;
 /// Noise of an axis: random walk N, bias instability B and bias walk K.
 type Truth = [f64; 3];
 
-/// Noise of the gyro of which an hour shows every type, °/√s and so on.
+/// Gyro noise of which an hour determines every coefficient: °/√s, °/s and °/s/√s.
 const GYRO: Truth = [0.005, 0.004, 0.001];
-/// Noise of the accelerometer of which an hour shows every type, m/s/√s and so on.
+/// Accelerometer noise of which an hour determines every coefficient: m/s/√s, m/s² and m/s²/√s.
 const ACCEL: Truth = [0.002, 0.0012, 0.0003];
 
 /// Discrete Fourier transform of complex numbers. Their number is a power of two.
@@ -160,7 +160,7 @@ fn intervals_contain_the_truth_as_often_as_stated() {
 
 #[test]
 fn noise_that_is_not_shown_has_an_upper_limit() {
-    // White noise with a little of the other types, which ten minutes do not show.
+    // White noise with a small amount of the other types, which ten minutes do not determine.
     let counts = count(600.0, &[0.01, 0.001, 1e-5], &[0.002, 0.0002, 2e-6], 20);
     let [white, flicker, walk] = counts;
     assert!(white.determined == white.all && white.within as f64 > 0.58 * white.all as f64, "{counts:?}");
@@ -171,7 +171,7 @@ fn noise_that_is_not_shown_has_an_upper_limit() {
 
 #[test]
 fn needed_time_of_unseen_noise_suffices() {
-    // Ten minutes do not show the bias walk, but four times as long a rest does.
+    // Ten minutes do not determine the bias walk, but a rest of four times that duration would.
     let truth = [0.005, 0.0, 0.0002];
     let report = measure(&resting(600.0, &truth, &ACCEL, 3)).unwrap();
     let axis = &report.sensors[0].axes[1];

@@ -10,8 +10,8 @@
 //! | ATTITUDE, ATTITUDE_QUATERNION | no measurement; [`Mavlink::attitude`] decodes them |
 //! | others | counted |
 //!
-//! Only one system, one component and one kind of IMU message are decoded. What is not selected is
-//! chosen: the first sender of rate and force, until it has been silent for
+//! Only one system, one component and one kind of IMU message are decoded. Unless they are
+//! selected, those of the first sender of rate and force are chosen, until it has been silent for
 //! [`crate::SENDER_TIMEOUT`]. Measurements of other systems and components are counted as foreign.
 //!
 //! Axes: vectors of the IMU are converted from (forward, right, down) to (right, forward, up), and

@@ -1,4 +1,4 @@
-//! Decoders on bytes of third-party encoders and on damaged bytes.
+//! Tests of the decoders with bytes of third-party encoders and with damaged bytes.
 #![allow(clippy::unwrap_used, reason = "a test may panic")]
 
 mod autopilot;

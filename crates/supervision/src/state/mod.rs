@@ -1,4 +1,5 @@
-//! State of a supervision. No file of this folder decides on an event of the system as a whole.
+//! State of a supervision. Events of the system as a whole are handled by the methods in
+//! `decisions`.
 //!
 //! | module | contents |
 //! | --- | --- |
