@@ -308,7 +308,8 @@ fn noise_of_a_real_unit_at_rest_is_plausible() {
     let Some(data) = data() else { return };
     let log = data.join("logs/px4_sample.ulg");
     let report = calibrated(&["noise", log.to_str().unwrap()]);
-    // A minute determines the random walk of some axes, and limits that of the others.
+    // A minute of readings determines the random walk of some axes and yields an upper limit for
+    // the others.
     let white = |sensor: usize, axis: usize| {
         let found = report.pointer(&format!("/sensors/{sensor}/axes/{axis}/random_walk")).unwrap();
         found["value"].as_f64().or(found["below"].as_f64()).unwrap()

@@ -1,4 +1,5 @@
-//! Text that others wrote cannot control the terminal or forge a line, whichever command prints it.
+//! Text from untrusted sources cannot control the terminal or forge a line, whichever command
+//! prints it.
 use std::{
     fs,
     io::Write,

@@ -107,7 +107,7 @@ fn many_viewers_with_one_frozen_cost_no_tick() {
     run.assert_complete();
 }
 
-/// Reads the number of bytes. Panics if the connection ends before.
+/// Reads the number of bytes. Panics if the connection ends before that.
 fn read_bytes(mut stream: &TcpStream, count: usize) {
     let (mut bytes, mut taken) = (vec![0; 4096], 0);
     while taken < count {
@@ -117,7 +117,7 @@ fn read_bytes(mut stream: &TcpStream, count: usize) {
     }
 }
 
-/// Encodes the message that shows a token, as a frame with a zero mask.
+/// Encodes the message that presents a token, as a frame with a zero mask.
 fn token_frame(token: &str) -> Vec<u8> {
     let command = [b"\x0a\x04look\x12", &[token.len() as u8][..], token.as_bytes(), b"\x18\x04"].concat();
     [&[0x82, 0x80 | command.len() as u8, 0, 0, 0, 0][..], &command].concat()

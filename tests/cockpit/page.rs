@@ -456,7 +456,7 @@ fn page_starts_with_the_last_minute() {
     let Some(mut first) = Page::open(&address(&system, port)) else { return };
     first.until("plumb.data.frames.length > 100");
     let newest_s = first.number("plumb.data.frames.at(-1).t");
-    // A page that is opened later has the frames from before.
+    // A page that is opened later also receives earlier frames.
     let mut second = Page::open(&address(&system, port)).unwrap();
     second.until("plumb.state().kind === 'live' && plumb.data.frames.length > 100");
     let oldest_s = second.number("plumb.data.frames[0].t");
@@ -474,7 +474,8 @@ fn strips_have_ticks_limits_and_switchable_lines() {
     let Some(mut page) = Page::open(&address(&system, port)) else { return };
     page.until("plumb.state().kind === 'live' && plumb.data.frames.length > 200");
     page.until("plumb.strips()?.[0]?.least === -180 && plumb.strips()[0].most === 180");
-    // The body tumbles, so yaw and roll pass ±180°. Two values on both sides are not connected.
+    // The body tumbles, so yaw and roll pass ±180°. The values before and after the wrap are not
+    // connected.
     page.until("plumb.strips()[0].largest_step > 1");
     assert!(page.number("plumb.strips()[0].largest_step") <= 180.0);
     assert!(page.number("plumb.strips()[2].least") >= 0.0, "a negative error");
@@ -579,7 +580,7 @@ fn body_and_signals_are_selected_and_remembered() {
     page.click(".strip-legends button");
     page.until("plumb.strips()[0].lines.join() === 'pitch,roll'");
 
-    // Thick lines of one picture do not make the grid of the next one thick.
+    // Thick lines in one frame must not make the grid of the next frame thick.
     page.key("2");
     page.eval(
         "(() => {

@@ -5,8 +5,8 @@ use std::{
     time::Instant,
 };
 
-/// Prints each step with its duration to standard error, past the capture of the test harness, and
-/// the duration of the walk at its end.
+/// Prints each step with its duration to standard error, bypassing the output capture of the test
+/// harness, and the total duration of the walk at its end.
 pub(crate) struct Walk {
     name: String,
     started: Instant,

@@ -1,5 +1,5 @@
-//! Third-party client in another language that uses none of our code. It reads telemetry and sends
-//! queries and commands.
+//! Third-party client in another language, without any of Plumbline's own code. It reads telemetry
+//! and sends queries and commands.
 use std::{
     fs,
     io::{BufRead, BufReader, Write},

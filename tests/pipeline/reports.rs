@@ -99,7 +99,7 @@ fn text_of_loggers_is_read_as_files() {
     ] {
         let Some(file) = input(name) else { return };
         assert_read(&system, &file, &["--map", &map(time), "--units", units], first_s, note);
-        // A compressed file that is cut is read up to the damage.
+        // A truncated compressed file is read up to the damage.
         let mut gzip = GzEncoder::new(Vec::new(), Compression::default());
         gzip.write_all(&fs::read(&file).unwrap()).unwrap();
         let packed = gzip.finish().unwrap();

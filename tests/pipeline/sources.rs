@@ -386,7 +386,7 @@ fn stdin_in_one_process_or_as_protobuf_equals_csv() {
     for (source, input, mode) in [
         ("stdin?rate_hz=200&format=protobuf", &*messages, &[][..]),
         ("stdin?rate_hz=200&format=protobuf", &*messages, in_process),
-        // The last line lacks its end.
+        // The last line has no newline.
         ("stdin?rate_hz=200", lines.trim_end().as_bytes(), in_process),
     ] {
         assert!(from_lines == output(source, input, mode), "{source} {mode:?}: the bytes differ");

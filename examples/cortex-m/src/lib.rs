@@ -1,4 +1,4 @@
-//! Parts that the programs share: the sample recording.
+//! Code shared by the programs: the sample recording.
 #![no_std]
 #![forbid(unsafe_code)]
 

@@ -1,4 +1,4 @@
-//! Time for the checks of a stage. What does not fit is left out and counted.
+//! Time for the checks of a stage. Checks that do not fit into the time are left out and counted.
 //!
 //! Each group of checks gets an equal share of the time that is left, so that a slow stage is
 //! checked in every respect. The first check of a group always runs, and so does the first case of
@@ -31,7 +31,7 @@ impl<'a> Budget<'a> {
         Self { end, group_end: Cell::new(end), started: Cell::new(0), left_out: Cell::new(0), on_check }
     }
 
-    /// Starts a group of checks. `groups_left` counts this one, too.
+    /// Starts a group of checks. `groups_left` includes this group.
     pub(crate) fn start_group(&self, groups_left: u32) {
         let now = Instant::now();
         self.group_end.set(self.end.map(|end| now + end.saturating_duration_since(now) / groups_left.max(1)));
@@ -70,7 +70,7 @@ impl<'a> Budget<'a> {
         }
     }
 
-    /// Returns the cases of a check that there is time for. The first one always is.
+    /// Returns the cases of a check for which there is time, but at least the first case.
     pub(crate) fn cases<I: IntoIterator>(&self, cases: I) -> impl Iterator<Item = I::Item> {
         cases.into_iter().enumerate().filter_map(|(index, case)| {
             if index == 0 || !is_over(self.group_end.get()) {

@@ -1,8 +1,8 @@
 //! Reads a single file of text with numbers, in any dialect.
 //!
 //! Input: text, plain or gzip. The column names are in the line before the first row, which may be
-//! a comment; without names, the columns are those of a live stream. The rules for comments,
-//! separators, numbers and times are those of live streams ([`mapping::text`]).
+//! a comment; if there are no names, the columns are those of a live stream. The rules for
+//! comments, separators, numbers and times are those of live streams ([`mapping::text`]).
 //!
 //! Output: records.
 //!
@@ -131,7 +131,7 @@ type Start = (Option<Header>, (u64, String));
 ///
 /// The names are in the last line before the first row that is not a comment, or else in the last
 /// comment with as many fields as the row. A line of units may follow the names. If no line is a
-/// row, the first two lines are taken.
+/// row, the first two lines are used.
 fn read_start(path: &Path, lines: &mut Lines) -> Result<Start, ImportError> {
     let line_position = |line| TextPosition { line, column: None, name: None };
     let (mut comments, mut headers, mut error) = (Vec::new(), Vec::new(), None);
@@ -145,7 +145,7 @@ fn read_start(path: &Path, lines: &mut Lines) -> Result<Start, ImportError> {
                 let last_fitting = |lines: &[String]| {
                     let last = lines.iter().rposition(fits)?;
                     let separator = Separator::common(&[&lines[last], &text])?;
-                    // The names are in the line before, if this one holds their units.
+                    // If this line holds the units, the names are in the line before it.
                     let before = last.checked_sub(1).filter(|before| {
                         let [names, units] = [*before, last].map(|index| separator.fields(&lines[index]));
                         names_with_units(&names, &units).is_some()

@@ -44,7 +44,7 @@ pub(crate) struct CsvSource {
     files: CsvFiles,
     groups: ColumnGroups,
     mapping: Mapping,
-    /// Units that were taken from the column names, without the default ones.
+    /// Units adopted from the column names, except default ones.
     header_units: Vec<&'static str>,
     time_bits: Option<u8>,
     format: Format,
@@ -240,7 +240,7 @@ impl Source for CsvSource {
         let (digits, mapping, groups) = (self.mapping.time_digits(), &self.mapping, &self.groups);
         if groups.rate.path == groups.force.path {
             let force = groups.force.indices;
-            // A row may have one of both vectors.
+            // A row may have only one of the two vectors.
             return Ok(Motion::Joint(self.files.rows(&groups.rate.path, groups.rate.time, digits, {
                 let rate = groups.rate.indices;
                 move |record, t_ns| {
@@ -342,8 +342,8 @@ impl CsvFiles {
         self.read_bytes.get()
     }
 
-    /// Returns the mapping with the units that the names of the columns state, and the names of
-    /// these units without the default ones.
+    /// Returns the mapping with the units given in the column names, and the names of these units
+    /// except default ones.
     fn with_header_units(
         &self,
         mapping: &Mapping,
@@ -453,7 +453,7 @@ impl CsvFiles {
         })
     }
 
-    /// Returns what `convert` makes of the rows of a file, in file order.
+    /// Converts the rows of a file with `convert`, in file order.
     ///
     /// Rows for which `convert` returns `None` and malformed rows are skipped. The survey has
     /// counted the malformed ones.

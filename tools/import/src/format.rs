@@ -1,4 +1,4 @@
-//! Formats of files and folders, and the ways to convert those that are not read.
+//! Formats of files and folders, and commands that convert unsupported ones.
 
 use std::fmt;
 
@@ -74,7 +74,7 @@ pub enum Format {
     Lz4,
 }
 
-/// Name of each format and, if it is not read, the command that converts it.
+/// Name of each format and, for an unsupported one, the command that converts it.
 const TABLE: [(Format, &str, Option<&str>); 33] = [
     (Format::Recording, "Plumbline recording", None),
     (Format::Csv, "CSV", None),

@@ -28,9 +28,9 @@ const MAX_REFERENCE_GAP_NS: u64 = 60_000_000;
 const MAX_SLOW_REFERENCE_GAP_NS: u64 = 1_100_000_000;
 /// Cosine of half the largest rotation across which a slow reference is interpolated: 5°.
 const MIN_HALF_ROTATION_COS: f64 = 0.999_048_221_581_857_8;
-/// Maximum number of attitudes by which a series is judged.
+/// Maximum number of attitudes that are read to judge a series.
 const MAX_JUDGED_ATTITUDES: usize = 10_000;
-/// Number of attitudes after which a series that is not slow is recognised.
+/// Minimum number of attitudes for recognising a series that is not slow.
 const MIN_JUDGED_ATTITUDES: usize = 100;
 /// Maximum share of large rotations in a slow series that is interpolated.
 ///
@@ -43,7 +43,7 @@ const MAX_MEDIAN_INTERVALS: usize = 100_000;
 /// threshold, slerp is replaced by linear interpolation.
 const SMALL_ANGLE_ONE_MINUS_COS: f64 = 1e-9;
 
-/// Attitude at a time, in native axes.
+/// Attitude with its time, in native axes.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Attitude {
     /// Time, ns.
@@ -59,8 +59,8 @@ pub(crate) struct Attitude {
 /// Samples of a series that is merged into the rows.
 pub(crate) type Samples<'a, T> = Box<dyn Iterator<Item = Result<T, ImportError>> + 'a>;
 
-/// Number of equal field samples from which on a magnetometer is dead. The noise of a working one
-/// exceeds its resolution.
+/// Minimum number of equal field samples at which a magnetometer counts as dead. The noise of a
+/// working magnetometer exceeds its resolution.
 const MIN_CONSTANT_FIELDS: u64 = 500;
 
 pub(crate) struct RowWriter<'a> {
@@ -300,8 +300,8 @@ fn is_large_rotation(before: &Attitude, after: &Attitude) -> bool {
     a.iter().zip(b).map(|(a, b)| a * b).sum::<f64>().abs() < MIN_HALF_ROTATION_COS
 }
 
-/// Returns `true` unless the reference is slower than the limit and rotates far between two
-/// attitudes. Such a reference is used at its own times.
+/// Returns `true` unless the reference is slow and the rotation between two attitudes is often
+/// large. A reference for which the result is `false` is used only at its own times.
 pub(crate) fn is_calm(attitudes: Samples<'_, Attitude>) -> Result<bool, ImportError> {
     let (mut before, mut slow, mut large) = (None::<Attitude>, 0usize, 0usize);
     for (count, attitude) in attitudes.take(MAX_JUDGED_ATTITUDES).enumerate() {

@@ -11,7 +11,7 @@ use crate::{
     timeline::{Segment, SegmentFinder},
 };
 
-/// Number of equal samples from which on a sensor is considered dead.
+/// Minimum number of equal samples at which a sensor is considered dead.
 const MIN_CONSTANT_SAMPLES: u64 = 50;
 
 /// Samples of one sensor.
@@ -25,7 +25,7 @@ pub(crate) struct SensorState {
     first: [Option<[f64; 3]>; 2],
     /// For each vector, `true` if a sample differs from the first one.
     varies: [bool; 2],
-    /// `true` if equal samples are normal, as those of a receiver at rest.
+    /// `true` if equal samples are normal, as for a receiver at rest.
     may_be_constant: bool,
     pub(crate) segments: SegmentFinder,
 }

@@ -124,9 +124,9 @@ pub enum Note {
     MalformedRows {
         /// Number of rows.
         count: u64,
-        /// Line number of the first of them, from 1.
+        /// Line number of the first malformed row, from 1.
         line: u64,
-        /// Text found in it.
+        /// Text found in that row.
         found: ForeignText,
         /// Text expected.
         expected: String,
@@ -145,7 +145,7 @@ pub enum Note {
         /// Names of the units.
         units: Vec<&'static str>,
     },
-    /// The counter of the times wrapped. The times were continued.
+    /// The time counter wrapped. The times continue across the wrap.
     Wrapped {
         /// Number of wraps.
         count: u64,
@@ -155,7 +155,7 @@ pub enum Note {
         /// Name of the topic.
         topic: ForeignText,
     },
-    /// A sensor was passed over because all its samples are equal.
+    /// A sensor was skipped because all its samples are equal.
     DeadSensor {
         /// Name of the sensor.
         sensor: ForeignText,

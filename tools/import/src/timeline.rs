@@ -1,4 +1,5 @@
-//! Times of the samples of one series: wraps of counters, and segments between restarts of a clock.
+//! Times of the samples of one series. Resolves wraps of counters, and splits the series into
+//! segments between restarts of the clock.
 //!
 //! Input: the timestamps of a series in file order.
 //!
@@ -16,7 +17,7 @@ use crate::{ImportError, row_writer::Samples};
 /// Number of consecutive samples in increasing order, all before an earlier one, after which the
 /// clock is considered set back.
 const CONFIRMING_SAMPLES: usize = 5;
-/// Maximum number of segments. Later ones are part of the last one.
+/// Maximum number of segments. Later segments are merged into the last one.
 const MAX_SEGMENTS: usize = 256;
 /// Maximum time between a sample and the segment of another series that it belongs to, ns.
 const SLACK_NS: i64 = 1_000_000_000;
@@ -74,9 +75,9 @@ pub(crate) struct SegmentFinder {
 enum Step {
     /// The sample belongs to the current segment.
     Current,
-    /// The sample goes back. The next ones show whether a segment starts with it.
+    /// The sample goes back. The samples that follow decide whether a segment starts with it.
     Backward,
-    /// A segment starts with the samples that went back, of which this is the last.
+    /// The samples that went back, of which this is the last, start a new segment.
     NewSegment,
 }
 
@@ -90,7 +91,7 @@ impl SegmentFinder {
         self.step(t_ns);
     }
 
-    /// Returns the clock, with the period that the steps of the samples have shown.
+    /// Returns the clock, with the period that was derived from the steps of the samples.
     pub(crate) fn clock(&self) -> SourceClock {
         self.clock.clone()
     }
@@ -141,7 +142,7 @@ impl SegmentFinder {
     }
 }
 
-/// Returns the index of the longest segment, the first one of several.
+/// Returns the index of the longest segment. If several are equally long, it is the first of them.
 pub(crate) fn longest(segments: &[Segment]) -> usize {
     let length_ns = |segment: &Segment| segment.last_ns.abs_diff(segment.first_ns);
     (0..segments.len()).rev().max_by_key(|index| segments.get(*index).map(length_ns)).unwrap_or(0)
@@ -182,7 +183,8 @@ impl SegmentChoice {
                 sample.shift(finder.offset_ns);
                 let is_stale = step == Step::Current || waiting > 0 && finder.backward_ns.len() == 1;
                 if is_stale {
-                    // The samples that went back were single ones of the current segment.
+                    // The samples that went back were isolated, so they belong to the current
+                    // segment.
                     ready.extend(pending.drain(..).map(|sample| (index, sample)));
                 }
                 match step {
@@ -242,12 +244,12 @@ impl SegmentChoice {
     }
 
     /// Returns the first segment from `from` on that contains the time, and the time to add. If the
-    /// sample goes back to `back_ns`, a later segment, or a wrap, is required.
+    /// sample goes back to `back_ns`, the result is a later segment, or the time includes a wrap.
     fn find(&self, from: usize, raw_ns: i64, back_ns: Option<i64>) -> Option<(usize, i64)> {
         (from..self.segments.len()).find_map(|index| {
             let segment = self.segments.get(index)?;
             let periods = self.clock.period_ns.into_iter().chain(COUNTER_PERIODS_NS);
-            // The least number of periods after which the stamp is in the segment, and does not go
+            // Smallest number of periods after which the stamp is in the segment and does not go
             // back.
             let start_ns = segment.first_ns.saturating_sub(SLACK_NS);
             let least_ns = back_ns.filter(|_| index == from).map_or(start_ns, |back_ns| start_ns.max(back_ns));

@@ -7,9 +7,9 @@
 //! and force are those of one kind of message: the first one of a sensor that works. RAW_IMU is the
 //! last choice.
 //!
-//! Time: the autopilot's clock, or the times of arrival if that clock never changes. A fix, whose
-//! message may have another clock, is placed by the times of arrival of the fix and of the latest
-//! sample, and so is an attitude if the samples have UNIX time.
+//! Time: the autopilot's clock, or the times of arrival if that clock never changes. The message of
+//! a fix may have another clock. A fix is therefore placed by its time of arrival relative to that
+//! of the latest sample, and so is an attitude if the samples have UNIX time.
 //!
 //! Memory: a buffer for each series.
 //!
@@ -60,7 +60,7 @@ const IMU_MESSAGES: [(ImuMessage, &str); 5] = [
     (ImuMessage::ScaledImu3, "SCALED_IMU3"),
     (ImuMessage::RawImu, "RAW_IMU"),
 ];
-/// Number of equal times from which on the clock of the autopilot is considered stopped.
+/// Minimum number of equal times at which the clock of the autopilot is considered stopped.
 const MIN_CONSTANT_TIMES: u64 = 10;
 
 /// Telemetry log.
@@ -152,7 +152,7 @@ impl Tlog {
         Ok(found.iter().enumerate().map(sensor).collect())
     }
 
-    /// Returns what `convert` makes of the measurements.
+    /// Converts the measurements with `convert`.
     fn values<T>(&self, convert: impl Fn(TimedValue) -> Option<T> + 'static) -> Result<Samples<'_, T>, ImportError> {
         let mut messages = self.messages()?;
         let mut next = move || -> Result<Option<T>, ImportError> {
@@ -205,7 +205,7 @@ impl Source for Tlog {
     }
 
     fn total_bytes(&self) -> u64 {
-        // The choice of the sensor, the survey, samples, field, fixes, and the reference twice.
+        // Passes: choice of the sensor, survey, samples, field, fixes, and the reference twice.
         7 * self.length_bytes
     }
 
@@ -328,7 +328,7 @@ struct MessageReader {
     format: Mavlink,
     pending: Vec<Measurement>,
     pending_attitude: Option<AttitudeEstimate>,
-    /// Decoders that receive each frame in addition.
+    /// Additional decoders that receive each frame.
     observers: Vec<Observer>,
     /// `true` if the times of arrival replace those of the autopilot.
     uses_arrival_times: bool,

@@ -53,7 +53,8 @@ pub struct RemoteDirectory {
     views: Arc<Mutex<OpenViews>>,
 }
 
-/// Open views by use and name of the vehicle. A use never takes or keeps a view of another one.
+/// Open views by their use and the name of the vehicle. The views of different uses are independent
+/// of each other.
 type OpenViews = BTreeMap<(ViewUse, String), OpenView>;
 
 /// Open view of a vehicle.
@@ -120,7 +121,7 @@ fn is_in_use(views: &Mutex<OpenViews>, key: &(ViewUse, String), hub: &Hub) -> bo
     in_use
 }
 
-/// Returns an error if all places of a use are taken.
+/// Returns an error if the maximum number of views is already open for this use.
 fn check_limit(views: &OpenViews, view_use: ViewUse) -> Result<(), String> {
     if views.keys().filter(|(held_by, _)| *held_by == view_use).count() < MAX_VIEWS {
         return Ok(());

@@ -9,7 +9,7 @@
 //!
 //! Failure: a seed fails if a tick is missing, repeated, out of order or different from the
 //! reference run, if a request does not receive exactly one reply, if the system does not stop, or
-//! if a sender takes or holds the place of another without measurements.
+//! if a sender without measurements is chosen or stays chosen.
 #![forbid(unsafe_code)]
 
 mod bus;

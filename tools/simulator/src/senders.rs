@@ -1,7 +1,8 @@
-//! Simulated senders that share a port: which of them is read, and when its place lapses.
+//! Simulated senders that share a port. Checks which sender is chosen, and when it is no longer
+//! chosen.
 //!
-//! The expected choice follows from the record of all datagrams, not from the state of the choice
-//! under test.
+//! The expected choice is computed from the record of all datagrams, not from the state of the
+//! choice under test.
 
 use std::time::Duration;
 
@@ -29,14 +30,14 @@ struct Sender {
 ///
 /// # Errors
 ///
-/// Fails if a datagram is read although another sender holds the place, or is not read although the
-/// place is free or its own.
+/// Fails if a datagram is read although another sender is chosen, or is not read although no other
+/// sender is chosen.
 pub(crate) fn simulate(seed: u64) -> Result<(), String> {
     let mut random = Random::new(seed ^ 0x5e4d);
     let timeout_ms = SENDER_TIMEOUT.as_millis() as u64;
     let mut senders: Vec<_> = (0..random.between(1, 5)).map(|_| sender(&mut random)).collect();
     let mut choice = SenderChoice::default();
-    // Owner of the place with the time of its last measurement, ms.
+    // Chosen sender, and the time of its last measurement, ms.
     let mut owner: Option<(usize, u64)> = None;
     loop {
         let next = senders.iter().enumerate().min_by_key(|(_, sender)| sender.due_ms);

@@ -45,7 +45,8 @@ stages! {
 }
 
 const SAMPLES: u64 = 3000;
-/// Instructions of the calibration. The loop of `asm::delay` has two instructions.
+/// Number of instructions executed for the calibration. The loop of `asm::delay` has two
+/// instructions.
 const CALIBRATION: u32 = 8_000_000;
 const SYSTICK_MASK: u32 = 0x00ff_ffff;
 

@@ -16,7 +16,7 @@ enum Defect {
     Interval,
     /// A number is missing from the visited state.
     MissingState,
-    /// The state has a number that is not validated.
+    /// The state contains a number that is not validated.
     UncheckedState,
     /// `adopt` takes over the level but not the heading.
     WrongHeading,

@@ -141,7 +141,7 @@ impl Source for Bag<'_> {
                 Kind::Pose | Kind::ChildPose => {
                     ros::attitude(topic.kind, &data, &self.convention).map(|attitude| (attitude.t_ns, None))
                 }
-                // These have no time that is used.
+                // The times of these messages are not used.
                 Kind::PlumblineReference | Kind::NavSatFix => None,
             };
             let is_valid = match topic.kind {
@@ -179,7 +179,8 @@ impl Source for Bag<'_> {
             }
             Some(MotionTopics { rate, .. }) => {
                 let has_attitudes = topics.has_attitudes(rate);
-                // A note on the poses that may be read is needed only without another reference.
+                // A note on poses that could be read as the reference is needed only if there is no
+                // other reference.
                 let unused = &mut Vec::new();
                 let poses = topics.select(Role::Reference, if has_attitudes { unused } else { &mut notes });
                 poses.cloned().or_else(|| has_attitudes.then(|| rate.clone())).map(|reference| vec![reference])
@@ -205,7 +206,8 @@ impl Source for Bag<'_> {
         let has_constant_stamps =
             |topic: &&Topic| topics.counts(topic).is_some_and(topics::MessageCounts::has_constant_stamps);
         let constant = read.into_iter().find(has_constant_stamps);
-        // Topics with timestamps are on the clock of the log, too, so that all have the same.
+        // Topics with timestamps use the clock of the log as well, so that all topics use the same
+        // clock.
         let uses_log_times = constant.is_some();
         if let Some(topic) = constant {
             notes.insert(0, Note::LogTimes { topic: topic.name.clone() });
@@ -336,7 +338,7 @@ impl Bag<'_> {
         }
     }
 
-    /// Returns what `convert` makes of the samples of a topic.
+    /// Converts the samples of a topic with `convert`.
     fn inertial_samples<T>(
         &self,
         topic: Topic,

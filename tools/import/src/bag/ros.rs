@@ -119,7 +119,7 @@ impl Default for Convention {
 }
 
 impl Convention {
-    /// Returns the units and axes that the user named, and those of REP 103 for the rest.
+    /// Returns the units and axes that the user specified, and those of REP 103 for the rest.
     pub(crate) fn new(mapping: &Mapping) -> Self {
         let (standard, units, (body, earth)) = (Self::default(), mapping.units(), mapping.frame());
         Self {

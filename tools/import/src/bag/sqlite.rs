@@ -38,7 +38,7 @@ const MAX_VALUE_BYTES: i32 = 1 << 24;
 pub(super) struct Cursor {
     path: PathBuf,
     connection: Connection,
-    /// Pages that are read after damage of the tree.
+    /// Pages that are read if the tree is damaged.
     pages: Option<Pages>,
     topics: HashMap<i64, Rc<Topic>>,
     batch: VecDeque<Message>,
@@ -58,13 +58,13 @@ pub(super) struct Cursor {
 /// Rows that are missing or unusable.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub(super) struct Losses {
-    /// Numbers that no row has, although recorders number rows consecutively from 1.
+    /// Row numbers that are missing. Recorders number rows consecutively from 1.
     pub(super) missing: u64,
     /// Rows with a number that does not increase or exceeds that of the last row.
     pub(super) stray: u64,
-    /// Rows of no known topic.
+    /// Rows that belong to no known topic.
     pub(super) without_topic: u64,
-    /// Rows of the topics read with data of another type than bytes, or with too many bytes.
+    /// Rows of the selected topics with data that are not bytes or are too long.
     pub(super) without_data: u64,
 }
 
@@ -136,8 +136,8 @@ impl Cursor {
         }
         drop(rows);
         drop(statement);
-        // Each query is answered by one search, whereas a combined one would visit every row. It
-        // fails if the searched pages are damaged, and other pages can still be read.
+        // Each query is answered by one search, whereas a combined query would visit every row. A
+        // query fails if the pages that it searches are damaged. Other pages may still be readable.
         let row_id = |query| connection.query_row(query, [], |row| row.get::<_, i64>(0)).ok();
         let (first, last) = (row_id("SELECT min(rowid) FROM messages"), row_id("SELECT max(rowid) FROM messages"));
         let last_indexed =

@@ -18,7 +18,7 @@ use std::{
     vec,
 };
 
-/// First bytes of the file.
+/// Length of the file header, bytes.
 const HEADER_BYTES: usize = 100;
 /// Position of the page size in the header. The number 1 means 65,536.
 const PAGE_SIZE_AT: usize = 16;
@@ -26,9 +26,9 @@ const PAGE_SIZE_AT: usize = 16;
 const RESERVED_AT: usize = 20;
 /// Type of a page that holds rows of a table.
 const LEAF_OF_TABLE: u8 = 13;
-/// Bytes of the header of a page with rows.
+/// Length of the header of a page with rows, bytes.
 const PAGE_HEADER_BYTES: usize = 8;
-/// Bytes of a page that a row cannot use.
+/// Number of bytes in a page that are not available to a row.
 const PAGE_OVERHEAD_BYTES: usize = 35;
 /// Maximum number of pages with messages.
 const MAX_PAGES: usize = 1 << 24;
@@ -139,7 +139,8 @@ impl Pages {
     }
 }
 
-/// Reads an integer of variable length: seven bits in each byte, and eight in a ninth one.
+/// Reads an integer of variable length: seven bits in each byte, and eight bits in the ninth byte,
+/// if there is one.
 fn integer(bytes: &mut &[u8]) -> Option<i64> {
     let mut number = 0u64;
     for index in 0..9 {

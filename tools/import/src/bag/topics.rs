@@ -15,7 +15,7 @@ use crate::{
 /// Maximum number of topics for which messages are counted.
 const MAX_TOPICS: usize = 4096;
 const MAX_NAME_BYTES: usize = 512;
-/// Number of equal timestamps from which on they are considered constant.
+/// Minimum number of equal timestamps at which the timestamps are considered constant.
 const MIN_CONSTANT_STAMPS: u64 = 10;
 
 /// Message type of a topic. The variants are in order of preference: Plumbline before ROS.
@@ -118,7 +118,7 @@ pub(super) struct MessageCounts {
     pub(super) forces: u64,
     /// First timestamp of the samples, ns.
     first_stamp_ns: Option<i64>,
-    /// `true` if the timestamp of a sample differs from that of another.
+    /// `true` if the timestamps of two samples differ.
     has_moving_stamps: bool,
     /// State of the sensor, by log time.
     pub(super) state: SensorState,
@@ -172,7 +172,7 @@ impl MessageCounts {
 pub(super) struct MotionTopics {
     /// Topic of the rate.
     pub(super) rate: Topic,
-    /// Topic of the force, if it is another one.
+    /// Topic of the force, if it differs from that of the rate.
     pub(super) force: Option<Topic>,
 }
 
@@ -271,7 +271,8 @@ impl<'a> Topics<'a> {
         Some(selected)
     }
 
-    /// Selects the topic with this number for a role, else as [`Topics::select`].
+    /// Selects the topic with this number for a role. If no number is given, selects the topic like
+    /// [`Topics::select`].
     pub(super) fn select_numbered(
         &self,
         path: &Path,
@@ -336,7 +337,7 @@ impl<'a> Topics<'a> {
         Ok(Some(single(topic)))
     }
 
-    /// Returns the complete inertial sensors, of which `read` is read.
+    /// Returns the complete inertial sensors. `read` is the one that is read.
     pub(super) fn sensors(&self, read: Option<&Topic>, uses_log_times: bool) -> Vec<Sensor> {
         let counts =
             self.counts.iter().filter(|(topic, counts)| topic.kind.role() == Role::Rows && counts.is_complete());
@@ -355,7 +356,7 @@ impl<'a> Topics<'a> {
         sensors.collect()
     }
 
-    /// Returns the magnetometers or the receivers, of which `read` is read.
+    /// Returns the magnetometers or the receivers. `read` is the one that is read.
     pub(super) fn other_sensors(&self, option: &str, role: Role, read: Option<&Topic>) -> Vec<Sensor> {
         let counts = self.counts.iter().filter(|(topic, counts)| topic.kind.role() == role && counts.samples > 0);
         let sensors = counts.enumerate().map(|(number, (topic, counts))| {

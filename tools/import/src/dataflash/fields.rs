@@ -76,7 +76,7 @@ pub(super) struct Layout {
     time: Time,
     /// Field with the sensor or estimator number; `None` if the message type has no such field.
     instance: Option<Field>,
-    /// Sensor number of the message type, which is used without such a field: 1 for `IMU2`.
+    /// Sensor number given by the message type, used if there is no such field: 1 for `IMU2`.
     type_instance: u8,
     fields: Fields,
 }
@@ -125,7 +125,7 @@ impl Layout {
             b"AHR2" => (Kind::Attitude(Estimator::Secondary), "", quaternion().or_else(angles)?),
             _ => return None,
         };
-        // In old logs, TimeMS of GPS is the time of the GPS week and T that of the board.
+        // In old logs, TimeMS of GPS is the time in the GPS week, and T is the time of the board.
         let is_old_gps = name == b"GPS" && find("TimeUS").is_none();
         let board_time = find("T").filter(|_| is_old_gps).map(Time::Ms);
         let time = board_time.or_else(|| find("TimeUS").map(Time::Us)).or_else(|| find("TimeMS").map(Time::Ms))?;

@@ -268,8 +268,8 @@ impl Source for Log {
     }
 }
 
-/// Returns the first sensor that works, if any. A note names the ones that are passed over, unless
-/// one is requested.
+/// Returns the first sensor that works, if any. A note names the sensors that are skipped, unless a
+/// sensor is requested.
 fn first_healthy(states: &States, requested: Option<u8>, topic: &str, notes: &mut Vec<Note>) -> Option<u8> {
     let healthy = states.iter().find(|(_, state)| state.is_healthy()).map(|(instance, _)| *instance);
     let first = states.keys().next().copied();

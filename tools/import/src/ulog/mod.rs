@@ -65,7 +65,7 @@ type AllSeries = BTreeMap<Instance, Series>;
 #[derive(Debug, Clone, Default)]
 struct Selection {
     rates: Option<Instance>,
-    /// Series of the force, if it is another one.
+    /// Series of the force, if it differs from that of the rate.
     forces: Option<Instance>,
     fields: Option<Instance>,
     attitudes: Option<Instance>,

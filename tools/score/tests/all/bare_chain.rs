@@ -104,8 +104,8 @@ fn sample_recording_has_the_errors_of_bare_stages() {
     assert_equal_errors(&[sample()]);
 }
 
-/// A clock with a resolution of 20 ms stamps two or three samples alike. If they took the time of
-/// two or three stamps, the rotations would be too large, and the error would exceed 20°.
+/// A clock with a resolution of 20 ms gives several samples the same stamp. If each sample were
+/// given an interval of 20 ms, the rotations would be too large, and the error would exceed 20°.
 #[test]
 fn coarse_stamps_do_not_stretch_time() {
     let mut text = String::from("t_s,gx,gy,gz,ax,ay,az,qw,qx,qy,qz,mov\n");
