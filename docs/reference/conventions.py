@@ -1,7 +1,7 @@
-"""Writes conventions.json: attitudes in every convention, from the definitions and by matrices alone.
+"""Writes conventions.json: attitudes in every convention, computed from the definitions with matrices only.
 
-Each attitude is given by yaw, pitch and roll. Its matrix is the product of three elementary rotations; everything else is read
-from that matrix, or from matrices of other frames. `python3 docs/reference/conventions.py > docs/reference/conventions.json`
+Each attitude is given by yaw, pitch and roll. Its matrix is the product of three elementary rotations. All other values are
+computed from this matrix, or from the matrices of other frames. Usage: `python3 docs/reference/conventions.py > docs/reference/conventions.json`
 """
 
 import json
@@ -27,7 +27,7 @@ NAMES = {
 
 
 def about_x(angle):
-    """Components of a fixed vector after the axes turned by `angle` about x."""
+    """Returns the matrix that gives the components of a fixed vector after the axes were rotated by `angle` about x."""
     return [[1, 0, 0], [0, cos(angle), sin(angle)], [0, -sin(angle), cos(angle)]]
 
 
@@ -51,7 +51,7 @@ def transposed(matrix):
 
 
 def quaternion(rotation):
-    """w, x, y, z of v' = rotation v, by Shepperd's method; the first that is not zero is positive."""
+    """Returns w, x, y, z of a rotation matrix, by Shepperd's method. The first component that is not zero is positive."""
     m = rotation
     squares = [
         1 + m[0][0] + m[1][1] + m[2][2],
@@ -73,7 +73,7 @@ def quaternion(rotation):
 
 
 def shortest(n):
-    """The matrix reference → body of the shortest turn that takes up to n, Rodrigues' formula about n × up."""
+    """Returns the matrix reference → body of the shortest rotation from up to n, by Rodrigues' formula about n × up."""
     a, b, c = n
     sine = hypot(a, b)
     x, y = (b / sine, -a / sine) if sine > 0 else (1, 0)
@@ -83,7 +83,7 @@ def shortest(n):
     return [[identity[i][j] - sine * cross[i][j] + (1 - c) * square[i][j] for j in range(3)] for i in range(3)]
 
 
-# Of v in axes of the reference or the body, in ours: rows are their axes.
+# Matrices from the native axes to those of another frame. The rows are the axes of that frame.
 SAME = [[1, 0, 0], [0, 1, 0], [0, 0, 1]]
 FLU = NWU = [[0, 1, 0], [-1, 0, 0], [0, 0, 1]]
 FRD = NED = [[0, 1, 0], [1, 0, 0], [0, 0, -1]]
@@ -92,14 +92,15 @@ RATE = [0.1, -0.2, 0.3]
 
 
 def point(matrix):
-    """u, v and z of a matrix reference → body."""
+    """Returns u, v and z of a matrix reference → body."""
     n = [row[2] for row in matrix]
     turn = product(transposed(shortest(n)), matrix)
     return n[0] / (1 + n[2]), n[1] / (1 + n[2]), atan2(turn[0][1], turn[0][0])
 
 
 def in_frame(to_reference, inverted, earth, body):
-    """The attitude from the axes `body` to the axes `earth`; angles about the third, second and first axis, each after it has turned."""
+    """Returns the attitude from the axes `body` to the axes `earth`. Yaw, pitch and roll are successive rotations about the third,
+    second and first body axis."""
     rotation = product(earth, to_reference, transposed(body))
     over = product(body, [[1, 0, 0], [0, -1, 0], [0, 0, -1]], transposed(body))
     u, v, z = point(product(over, transposed(rotation)) if inverted else transposed(rotation))
@@ -117,10 +118,10 @@ def in_frame(to_reference, inverted, earth, body):
 
 def attitude(name, yaw_deg, pitch_deg, roll_deg):
     yaw, pitch, roll = radians(yaw_deg), radians(pitch_deg), radians(roll_deg)
-    # Reference → body; axes right, forward, up: pitch about x, roll about y.
+    # Reference → body, with the axes right, forward, up. Pitch is about x, roll about y.
     matrix = product(about_y(roll), about_x(pitch), about_z(yaw))
     inverted = matrix[2][2] < -1e-12
-    # The inverted chart is the upright chart of the body turned by π about its right axis.
+    # The inverted chart is the upright chart of the body rotated by π about its right axis.
     seen = product([[1, 0, 0], [0, -1, 0], [0, 0, -1]], matrix) if inverted else matrix
     u, v, z = point(seen)
     to_reference = transposed(matrix)

@@ -101,9 +101,9 @@ pub(super) trait AttitudeSender {
     /// Sends an attitude. Called once per tick, in tick order. `sample` is the sample of the same
     /// tick, if samples are read.
     fn send(&mut self, output: &AttitudeOutput, sample: Option<&ImuSample>);
-    /// Sends a magnetic field, if fields are read.
+    /// Sends a magnetic field. Called only if fields are read.
     fn send_field(&mut self, _field: &MagSample) {}
-    /// Sends a fix, if fixes are read.
+    /// Sends a fix. Called only if fixes are read.
     fn send_fix(&mut self, _fix: &GnssFix) {}
     /// Does periodic work, such as sending a heartbeat. Called several times a second, after all
     /// available attitudes have been sent.

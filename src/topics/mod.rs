@@ -141,7 +141,7 @@ impl<'a> StopCondition<'a> {
         !self.system_runs || self.stop_requested.load(Ordering::SeqCst) || is_timed_out
     }
 
-    /// Returns `true` if the system has ended or was replaced by another one of the same name.
+    /// Returns `true` if the system has ended or was replaced by another system with the same name.
     pub(crate) fn system_ended(&self) -> bool {
         !self.system_runs
     }

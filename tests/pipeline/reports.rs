@@ -59,8 +59,8 @@ fn error_deg(scores: &Value, stage: usize, key: &str) -> f64 {
     scores.pointer(&path).and_then(Value::as_f64).unwrap_or_else(|| panic!("no {key}: {scores}"))
 }
 
-/// Asserts that a file is read with these arguments by `import`, `score`, `info` and `up --replay`,
-/// with [`ROWS`] rows at 50 Hz of which the first is at `first_s`.
+/// Asserts that `import`, `score`, `info` and `up --replay` read a file with these arguments. It
+/// must have [`ROWS`] rows at 50 Hz, the first of them at `first_s`.
 fn assert_read(system: &System, file: &Path, arguments: &[&str], first_s: f64, note: &str) {
     let (times, summary) = imported(system, file, arguments);
     assert_eq!((times.len(), times[0]), (ROWS, first_s), "{summary}");

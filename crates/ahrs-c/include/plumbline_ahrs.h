@@ -172,7 +172,7 @@ enum PlumblineStatus
    */
   PLUMBLINE_STATUS_NULL_POINTER = 1,
   /*
-   An argument is not one of its constants, or a text is not UTF-8.
+   An argument is not one of the allowed constants, or a text is not UTF-8.
    */
   PLUMBLINE_STATUS_INVALID_ARGUMENT = 2,
   /*
@@ -180,7 +180,7 @@ enum PlumblineStatus
    */
   PLUMBLINE_STATUS_OUT_OF_RANGE = 3,
   /*
-   There is no stage, parameter or entry of this name or index.
+   No stage, parameter or entry has this name or index.
    */
   PLUMBLINE_STATUS_NOT_FOUND = 4,
   /*
@@ -221,7 +221,7 @@ enum PlumblineFrame
 #endif // defined(__cplusplus) || __STDC_VERSION__ >= 202311L
  {
   /*
-   Reference east, north, up; body right, forward, up: native.
+   Reference east, north, up; body right, forward, up. This is the native frame.
    */
   PLUMBLINE_FRAME_ENU_RFU = 0,
   /*
@@ -254,7 +254,7 @@ enum PlumblineBody
 #endif // defined(__cplusplus) || __STDC_VERSION__ >= 202311L
  {
   /*
-   Right, forward, up: native.
+   Right, forward, up. This is the native order.
    */
   PLUMBLINE_BODY_RFU = 0,
   /*
@@ -442,15 +442,15 @@ typedef struct PlumblineAttitude {
    */
   double quaternion[4];
   /*
-   Yaw by the convention of the frame, rad. Native: counter-clockwise from above.
+   Yaw by the convention of the frame, rad. In the native frame counter-clockwise from above.
    */
   double yaw_rad;
   /*
-   Pitch by the convention of the frame, rad. Native: nose up.
+   Pitch by the convention of the frame, rad. In the native frame nose up.
    */
   double pitch_rad;
   /*
-   Roll by the convention of the frame, rad. Native: right side down.
+   Roll by the convention of the frame, rad. In the native frame right side down.
    */
   double roll_rad;
   /*
@@ -474,7 +474,7 @@ typedef struct PlumblineAttitude {
    */
   double rate_rad_s[3];
   /*
-   Bias of the gyro, rad/s, body axes of the frame; zero if the stage does not estimate it.
+   Estimated gyro bias, rad/s, body axes of the frame; zero if the stage does not estimate it.
    */
   double gyro_bias_rad_s[3];
   /*
@@ -498,7 +498,7 @@ typedef struct PlumblineAttitude {
    */
   uint64_t tick;
   /*
-   Time of the attitude, ns: the time stamps of the samples without the leaps of their clock.
+   Time of the attitude, ns: the time stamps of the samples with jumps of the clock removed.
    */
   int64_t t_ns;
   /*
@@ -534,7 +534,7 @@ extern "C" {
 #endif // __cplusplus
 
 /*
- Creates a builder for ideal sensors and the default stages. Returns null without memory.
+ Creates a builder for ideal sensors and the default stages. Returns null if memory is exhausted.
 
  Free the builder with plumbline_builder_free().
  */
@@ -579,8 +579,8 @@ PlumblineStatus plumbline_builder_gap_s(struct PlumblineBuilder *builder, double
 PlumblineStatus plumbline_builder_frozen_after_s(struct PlumblineBuilder *builder, double frozen_s);
 
 /*
- Sets the magnetic declination, -180 to 180 degrees, east positive; default 0. It makes a
- magnetic heading a true one. Choose the course stage first.
+ Sets the magnetic declination, -180 to 180 degrees, east positive; default 0. It converts a
+ magnetic heading to a true heading. Choose the course stage first.
  */
 PlumblineStatus plumbline_builder_declination_deg(struct PlumblineBuilder *builder,
                                                   double declination_deg);
@@ -642,14 +642,14 @@ PlumblineStatus plumbline_builder_parameter_at(const struct PlumblineBuilder *bu
 
 /*
  Creates a filter with the properties of a builder, or with the defaults if it is null. Returns
- null without memory.
+ null if memory is exhausted.
 
  Free the filter with plumbline_ahrs_free(). The builder can be freed before it.
  */
 struct PlumblineAhrs *plumbline_ahrs_new(const struct PlumblineBuilder *builder);
 
 /*
- Frees a filter of plumbline_ahrs_new(). A null pointer has no effect.
+ Frees a filter created by plumbline_ahrs_new(). A null pointer has no effect.
  */
 void plumbline_ahrs_free(struct PlumblineAhrs *ahrs);
 
@@ -664,7 +664,7 @@ size_t plumbline_ahrs_size(void);
 size_t plumbline_ahrs_align(void);
 
 /*
- Creates a filter in memory of the caller and writes its address to `ahrs`.
+ Creates a filter in memory provided by the caller and writes its address to `ahrs`.
 
  `memory` has at least plumbline_ahrs_size() bytes with the alignment plumbline_ahrs_align(). The
  caller may release or reuse it at any time after the last call with the filter.
@@ -724,13 +724,13 @@ PlumblineStatus plumbline_ahrs_update_imu_at(struct PlumblineAhrs *ahrs,
                                              struct PlumblineAttitude *attitude);
 
 /*
- Passes on a sample of the magnetometer, 3 numbers, microtesla. It takes effect with the next
- sample of gyro and accelerometer.
+ Stores a magnetometer sample, 3 numbers, microtesla. It takes effect with the next sample of
+ gyro and accelerometer.
  */
 PlumblineStatus plumbline_ahrs_update_mag(struct PlumblineAhrs *ahrs, const double *field_ut);
 
 /*
- Passes on a velocity of the satellite receiver. It takes effect with the next sample of gyro and
+ Stores a velocity from the satellite receiver. It takes effect with the next sample of gyro and
  accelerometer.
  */
 PlumblineStatus plumbline_ahrs_update_gnss(struct PlumblineAhrs *ahrs,
@@ -770,7 +770,8 @@ PlumblineStatus plumbline_ahrs_restore(struct PlumblineAhrs *ahrs,
 
 /*
  Writes the names of the flags that are set, such as "rate-invalid, gap", with a terminating
- zero. A text that does not fit is cut. Returns the length of the whole text without the zero.
+ zero. A text that does not fit is truncated. Returns the length of the whole text without the
+ zero.
  */
 size_t plumbline_flags_text(uint64_t flags, char *buffer, size_t size);
 

@@ -17,7 +17,7 @@ use pyo3::{exceptions::PyTypeError, prelude::*};
 
 use crate::error::value_error;
 
-/// Numbers from the caller: an array, or a sequence that numpy converts to one.
+/// Numbers from the caller: an array, or a sequence that numpy converts to an array.
 pub(crate) type Numbers<'py> = PyArrayLikeDyn<'py, f64, AllowTypeChange>;
 /// Time stamps from the caller. Types other than `int64` could lose digits.
 pub(crate) type Stamps<'py> = PyArrayLikeDyn<'py, i64, TypeMustMatch>;

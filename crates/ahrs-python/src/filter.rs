@@ -40,8 +40,8 @@ use crate::{
 /// mag_range_ut: range of the magnetometer, 1 to 1,000,000 µT; default 2000.
 /// gap_s: longest interval that is not flagged as a gap, 0.001 to 10 s; default 0.1.
 /// frozen_after_s: time after which a repeated value counts as frozen, 0.01 to 60 s; default 0.5.
-/// declination_deg: magnetic declination, −180° to 180°, east positive; default 0. It makes a
-///     magnetic heading a true one.
+/// declination_deg: magnetic declination, −180° to 180°, east positive; default 0. It converts a
+///     magnetic heading to a true heading.
 ///
 /// Raises ValueError if a name is unknown or a value is out of range.
 #[pyclass(module = "plumbline_ahrs")]

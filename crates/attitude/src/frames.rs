@@ -33,7 +33,7 @@ pub enum Frame {
 /// Body axes.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum Body {
-    /// Right, forward, up: native.
+    /// Right, forward, up. These are the native axes.
     #[default]
     Rfu,
     /// Forward, left, up.
@@ -45,7 +45,7 @@ pub enum Body {
 /// Reference axes.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum Earth {
-    /// East, north, up: native.
+    /// East, north, up. These are the native axes.
     #[default]
     Enu,
     /// North, west, up.
@@ -57,7 +57,7 @@ pub enum Earth {
 /// Order of the components of a quaternion.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum QuaternionOrder {
-    /// w, x, y, z: native.
+    /// w, x, y, z. This is the native order.
     #[default]
     Wxyz,
     /// x, y, z, w.

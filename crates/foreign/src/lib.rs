@@ -53,8 +53,8 @@ pub fn list<'a>(texts: impl IntoIterator<Item = &'a ForeignText>) -> String {
     texts.into_iter().map(ToString::to_string).collect::<Vec<_>>().join(", ")
 }
 
-/// Replaces the characters that [`ForeignText`] escapes by visible ones of equal length, so that
-/// offsets in the text remain valid. Line breaks and tabs are kept.
+/// Replaces the characters that [`ForeignText`] escapes with visible characters of equal length, so
+/// that offsets in the text remain valid. Line breaks and tabs are kept.
 pub fn masked(text: &str) -> String {
     let mask = |letter: char| match letter.len_utf8() {
         _ if !is_escaped(letter) || matches!(letter, '\n' | '\t') => letter,

@@ -282,7 +282,7 @@ impl<T> Kind<T> for Table<T> {
 pub(crate) struct Tables<T> {
     /// Reads one table, which has the given span.
     pub(crate) read: fn(&mut Section<'_, '_>, Range<usize>) -> Option<T>,
-    /// Checks all valid tables against each other. The section is the one that holds the array.
+    /// Checks all valid tables against each other. The section contains the array.
     pub(crate) check: fn(&mut Section<'_, '_>, &[Spanned<T>]),
 }
 

@@ -173,7 +173,7 @@ impl Launch {
     }
 }
 
-/// Reads `services`, and reports repeated ones.
+/// Reads `services`, and reports repeated services.
 fn services(section: &mut Section<'_, '_>, key: Key, out: &mut Vec<Service>) {
     many_of(Service::LISTED.map(|service| (service.name(), service))).read(section, key, out);
     let listed = section.elements(key.name);

@@ -186,7 +186,7 @@ function drawBar(now) {
   set("latency", latency ? `p50 ${duration(latency.p50)}  p99 ${duration(latency.p99)}` : "–");
   const course = (standing.services ?? []).find((service) => service.status?.service === "course");
   set("lost", course ? String(course.status.lost) : "–");
-  // A recording has neither.
+  // A recording has neither latencies nor lost ticks.
   get("latency-field").hidden = get("lost-field").hidden = data.recording.length > 0;
   get("lost-field").className = course && course.status.lost > 0 ? "loud" : "";
   const { recording } = standing;

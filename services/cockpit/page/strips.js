@@ -330,7 +330,7 @@ export const LEFT = 118, RIGHT = 8;
 /** Heights of the time axis and of a legend, px. */
 const FOOT = 20, LEGEND = 20;
 const FONT = "13px system-ui, sans-serif";
-/** Part of the values that a robust axis covers at least, and the largest ratio of a value to this part that is not cut off. */
+/** Minimum fraction of the values that a robust axis covers, and the ratio of the largest value to the covered ones above which it is cut off. */
 const COVERED = 0.95, MAX_RATIO = 4;
 /** Steps of an axis of angles, °. */
 const ANGLE_STEPS = [0.1, 0.2, 0.5, 1, 2, 5, 10, 15, 30, 45, 90, 180];

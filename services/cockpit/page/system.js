@@ -81,7 +81,7 @@ export class System {
       this.showOutcome("", `requested: ${question.replace("?", "")} …`);
       const command = { kind, slot, stage: kind === "KIND_CANCEL" ? "" : stage, expected_epoch: status?.epoch ?? 0, set };
       Object.assign(this.data, { command, answer: null });
-      // The reply to an earlier command is not shown, such as that about a shadow that has been promoted.
+      // A late reply to an earlier command is ignored, for example the reply about a shadow that has been promoted.
       const error = this.sendCommand(command, (answer) => { if (this.data.command === command) this.data.answer = answer; });
       if (kind === "KIND_SHADOW") this.data.shadowSet[slot] = set;
       // The reply about a shadow is sent at its end.

@@ -55,7 +55,7 @@ impl Calibration {
         }
     }
 
-    /// Adds a message of `topic`. It is ignored if `topic` is not the one with the sensor readings.
+    /// Adds a message of `topic`. It is ignored unless `topic` carries the sensor readings.
     pub(crate) fn push(&mut self, topic: Topic, bytes: &[u8]) {
         if topic == self.topic {
             readings::decode_sample(topic, bytes).iter().for_each(|sample| self.calibrator.push(sample));

@@ -49,7 +49,7 @@ pub struct SystemDescription {
     pub source: String,
     /// Declared tick rate, Hz; 0 if unknown.
     pub rate_hz: f64,
-    /// Slots that take commands.
+    /// Slots that accept commands.
     pub slots: Vec<SlotDescription>,
     /// Process of the supervisor; `None` if it runs on another machine.
     pub supervisor_pid: Option<u32>,

@@ -1,5 +1,5 @@
 //! Access tokens. They are valid for one run of one system or, if the page is served by `plumb
-//! view`, until it ends.
+//! view`, until that command ends.
 //!
 //! The tokens of a system are stored in files that are private to the user running the system, so
 //! that they stay valid if the cockpit is restarted within the run. Each begins with the run's

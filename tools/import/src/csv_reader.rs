@@ -311,8 +311,8 @@ impl Lines {
         Ok(Self { path: path.to_owned(), inner, end, is_before_rows: true, line: 0, damage: None })
     }
 
-    /// Returns the next line, or `None` at the end of the file or at damage of a compressed one.
-    /// After an error, the next call continues with the next line.
+    /// Returns the next line, or `None` at the end of the file or at the damaged part of a
+    /// compressed file. After an error, the next call continues with the next line.
     fn next(&mut self) -> Result<Option<(u64, OwnedLine)>, ImportError> {
         let mut text = Vec::new();
         while self.damage.is_none() {

@@ -399,7 +399,7 @@ impl CsvFiles {
     }
 
     /// Returns the value of `--map` for these files: the first column that may hold each target.
-    /// `COLUMN` stands for a required one that is not recognised.
+    /// `COLUMN` stands for a required column that is not recognised.
     fn map_line(&self, mapping: &Mapping) -> ForeignText {
         let names = || self.columns.iter().flat_map(|(_, names)| names).map(ForeignText::raw);
         let column = |target: &str| {

@@ -112,7 +112,8 @@ pub enum Note {
     ImplausibleField {
         /// Mean magnitude of the field, µT.
         mean_field_ut: f64,
-        /// Unit that makes the field plausible; `None` if no unit does, or if the format has none.
+        /// Unit that makes the field plausible; `None` if no unit does, or if the format has no
+        /// field.
         unit: Option<&'static str>,
     },
     /// All samples of the magnetometer are equal.

@@ -42,7 +42,7 @@ pub struct Part {
     pub title: String,
     /// Description that compares the numbers of the paper with the reproduced ones.
     pub caption: String,
-    /// Figure or table itself.
+    /// The figure or table.
     pub picture: Picture,
 }
 

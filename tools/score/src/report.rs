@@ -31,8 +31,8 @@ const CHART_SIZE: (u32, u32) = (960, 230);
 const OUTLIER_PERCENT: f64 = 0.5;
 /// Declaration of the SVG namespace, which HTML does not need.
 const SVG_NAMESPACE: &str = " xmlns=\"http://www.w3.org/2000/svg\"";
-/// Style sheet. It replaces white, black and the near-black of the reference in the charts by the
-/// colours of the page.
+/// Style sheet. In the charts, it replaces white, black and the near-black of the reference with
+/// the colours of the page.
 const CSS: &str = "\
 :root{color-scheme:light dark;--back:#fff;--text:#1a1a1a;--grid:#8884}\
 @media (prefers-color-scheme:dark){:root{--back:#141414;--text:#e8e8e8}}\

@@ -49,7 +49,7 @@ impl HandedOverBias {
         Self { bias_rad_s: common.bias_rad_s, sd_rad_s: common.bias_sd_rad_s, known: true, ..unknown }
     }
 
-    /// Processes one sample: ages the bias and, at rest, replaces it by the mean rate.
+    /// Processes one sample: ages the bias and, at rest, replaces it with the mean rate.
     pub(super) fn observe(&mut self, input: &FuserInput) {
         let Some(motion) = &input.motion else { return };
         self.age_s += motion.dt_s;

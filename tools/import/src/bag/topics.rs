@@ -292,7 +292,7 @@ impl<'a> Topics<'a> {
     }
 
     /// Selects the topics of rate and force: the sensor with this number, else the first one that
-    /// works, else two topics of which one has rates and the other one forces.
+    /// works, else two topics, one with rates and one with forces.
     pub(super) fn select_motion(
         &self,
         path: &Path,
@@ -337,7 +337,7 @@ impl<'a> Topics<'a> {
         Ok(Some(single(topic)))
     }
 
-    /// Returns the complete inertial sensors. `read` is the one that is read.
+    /// Returns the complete inertial sensors. `read` is the topic that is read.
     pub(super) fn sensors(&self, read: Option<&Topic>, uses_log_times: bool) -> Vec<Sensor> {
         let counts =
             self.counts.iter().filter(|(topic, counts)| topic.kind.role() == Role::Rows && counts.is_complete());
@@ -356,7 +356,7 @@ impl<'a> Topics<'a> {
         sensors.collect()
     }
 
-    /// Returns the magnetometers or the receivers. `read` is the one that is read.
+    /// Returns the magnetometers or the receivers. `read` is the topic that is read.
     pub(super) fn other_sensors(&self, option: &str, role: Role, read: Option<&Topic>) -> Vec<Sensor> {
         let counts = self.counts.iter().filter(|(topic, counts)| topic.kind.role() == role && counts.samples > 0);
         let sensors = counts.enumerate().map(|(number, (topic, counts))| {

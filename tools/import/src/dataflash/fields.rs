@@ -76,7 +76,8 @@ pub(super) struct Layout {
     time: Time,
     /// Field with the sensor or estimator number; `None` if the message type has no such field.
     instance: Option<Field>,
-    /// Sensor number given by the message type, used if there is no such field: 1 for `IMU2`.
+    /// Sensor number from the name of the message type, such as 1 for `IMU2`. It is used if there
+    /// is no such field.
     type_instance: u8,
     fields: Fields,
 }

@@ -94,7 +94,8 @@ impl Vqf {
 /// gyro integration.
 pub(super) struct ForceLowPass {
     force_m_s2: Vector3<f64>,
-    /// Rate of change of the output, stored as a velocity, m/s: that of a force pulse of one sample
-    /// which would cause the same rate of change in a filter at rest.
+    /// Velocity change that is equivalent to the rate of change of the output, m/s. A force pulse
+    /// of one sample with this velocity change, applied to a filter at rest, causes the same rate
+    /// of change.
     velocity_m_s: Vector3<f64>,
 }

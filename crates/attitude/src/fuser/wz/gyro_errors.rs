@@ -409,8 +409,8 @@ impl GyroErrorFilter {
         GyroScale { error: self.scale, sd: Vector3::from(self.scale_variance().map(libm::sqrt)) }
     }
 
-    /// Returns the variance of the bias about the vertical, rad²/s²: that of all axes without those
-    /// of the two horizontal ones.
+    /// Returns the variance of the bias about the vertical, rad²/s²: the sum of the variances of
+    /// all axes minus the variances about the two horizontal axes.
     #[inline]
     pub(super) fn vertical_bias_variance(&self) -> f64 {
         let sum: f64 = (BIAS..SCALE).map(|i| self.covariance[(i, i)]).sum();

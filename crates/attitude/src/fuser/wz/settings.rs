@@ -2,7 +2,7 @@
 
 use crate::parameters::settings;
 
-/// Number of settings at the end of the table that the stage `aided` has as well.
+/// Number of settings at the end of the table that the stage `aided` also has.
 pub(in crate::fuser) const SHARED_WITH_AIDED: usize = 1;
 
 settings! {

@@ -57,9 +57,9 @@ const MIN_TURN_RATE_RAD_S: f64 = 0.3;
 const CHALLENGER_REJECTION_TIMEOUT_S: f64 = 0.2;
 /// Duration of a challenge after which it restarts, s.
 const CHALLENGE_TIMEOUT_S: f64 = 50.0;
-/// Time for which another field must be steady to replace a well supported one, s. Every state that
-/// concerns the field is also reset after the same time outside the gate, counted only while the
-/// body turns or the main filter is on probation.
+/// Time for which a different field must be steady to replace a well supported one, s. It is also
+/// the time for which the field must be rejected before all states that depend on it are reset. The
+/// rejection is counted only while the body turns or the main filter is on probation.
 const REJECTION_TIMEOUT_S: f64 = 60.0;
 /// Time of use after which the field of M counts as well supported, s. Like the times below, it is
 /// counted only while the body turns.

@@ -1,4 +1,4 @@
-//! Detects a steady field other than the one that the heading relies on.
+//! Detects a steady field that differs from the field on which the heading relies.
 //!
 //! Input: the fields that the main hypothesis has rejected while the body turned, in reference
 //! axes.
@@ -48,7 +48,7 @@ impl NewField {
         self.mean_ut.iter_mut().zip(field_ut).for_each(|(mean, field)| *mean += (field - *mean) * gain);
     }
 
-    /// Processes an interval in which the field was another one.
+    /// Processes an interval in which the field differed.
     pub(super) fn observe_other(&mut self, interval_s: f64) {
         self.steady_s = (self.steady_s - DECREASE_PER_S * interval_s).max(0.0);
     }
