@@ -94,7 +94,7 @@ fn error(rows: &[Row], attitudes: &[[f64; 4]]) -> AttitudeError {
     accuracy.rmse().unwrap_or_default()
 }
 
-/// Converts a quaternion body to NWU (north, west, up) into one to ENU.
+/// Converts a quaternion from body to NWU (north, west, up) to a quaternion from body to ENU.
 fn enu_from_nwu([w, x, y, z]: [f64; 4]) -> [f64; 4] {
     let half_turn = Quaternion::new(std::f64::consts::FRAC_1_SQRT_2, 0.0, 0.0, std::f64::consts::FRAC_1_SQRT_2);
     let q = half_turn * Quaternion::new(w, x, y, z);

@@ -260,7 +260,8 @@ fn ros_bridge_publishes_field_in_tesla_without_tf() {
     let [east, north, up] = [0, 1, 2].map(|axis| mag["mean_t"][axis].as_f64().unwrap());
     assert!((north - 20e-6).abs() < 2e-6 && (up + 44e-6).abs() < 2e-6 && east.abs() < 2e-6, "{mag}");
     assert!(mag["compared"].as_u64().unwrap() >= 20 && mag["spread_t"].as_f64().unwrap() < 5e-6, "{mag}");
-    // With noise no sensor is stuck. The body passes the vertical, which is a warning.
+    // The simulated noise keeps the sensors from being flagged as stuck. The body passes the
+    // vertical, which causes a warning.
     let attitude = assert_diagnostics(&report["diagnostics"]["statuses"], &system.name);
     assert!([json!(0), json!(1)].contains(&attitude["level"]), "{attitude}");
     let tokens = report["tokens"].as_array().unwrap();

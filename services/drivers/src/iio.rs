@@ -144,8 +144,8 @@ impl OpenDevice {
         let rate_hz = stream.rate_hz.unwrap_or(DEFAULT_RATE_HZ);
         let open_one = |name: &str| -> Result<(File, Layout), OpenError> {
             let folder = sysfs::find(root, name)?;
-            // The buffer holds one second of records, so that a short stall of this process loses
-            // none.
+            // The buffer holds one second of records, so that no record is lost if this process
+            // stalls briefly.
             let layout = sysfs::prepare(&folder, (rate_hz.ceil() as u32).max(64), Some(rate_hz))?;
             if stream.clock == launch::Clock::Device && layout.clock != Clock::Monotonic {
                 return Err(OpenError::Clock(layout.clock));

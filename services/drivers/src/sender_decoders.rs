@@ -43,7 +43,7 @@ struct Candidate {
 pub(crate) struct DatagramFormat<'a> {
     /// Creates the decoder of a sender.
     pub(crate) make_decoder: &'a dyn Fn() -> Result<Box<dyn Decoder>, DriversError>,
-    /// Returns `true` for a measurement that the device is read for.
+    /// Returns `true` for a measurement of the kind for which the device is read.
     pub(crate) is_required: fn(&Value) -> bool,
     /// `true` for lines of text.
     pub(crate) is_text: bool,

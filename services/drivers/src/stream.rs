@@ -89,7 +89,7 @@ impl DeviceStream {
         })
     }
 
-    /// Returns the function that selects the measurements that the device is read for.
+    /// Returns the function that selects the measurements for which the device is read.
     fn is_required(&self) -> fn(&Value) -> bool {
         match self.format {
             "ubx" | "nmea" => |value| matches!(value, Value::Fix { .. }),

@@ -332,7 +332,7 @@ struct MessageReader {
     observers: Vec<Observer>,
     /// `true` if the times of arrival replace those of the autopilot.
     uses_arrival_times: bool,
-    /// `true` if the samples have the time since the start of the autopilot.
+    /// `true` if the times of the samples count from the start of the autopilot.
     is_since_boot: bool,
     arrival_ns: i64,
     /// Time of the latest sample minus its time of arrival, ns.
