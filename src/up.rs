@@ -68,7 +68,7 @@ pub(crate) struct Up {
     /// CSV of t_s,qw,qx,qy,qz per tick, in the [output] frame; - is stdout
     #[arg(long, short, value_name = "FILE.csv")]
     out: Option<PathBuf>,
-    /// Additional columns for --out: uvz, angles, course, bias, sd, flags or all
+    /// Extra columns for --out: uvz, angles, course, bias, sd, flags or all
     #[arg(long, value_name = "COLUMNS", value_delimiter = ',', value_parser = parse_columns, requires = "out")]
     columns: Vec<Columns>,
     /// Folder for flight recordings, one MCAP file per start
