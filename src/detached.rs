@@ -78,7 +78,7 @@ Examples:
   plumb down --system alpha
   plumb down --launch boat.toml
 
-Ends a system like Ctrl-C. A system that systemd runs is ended by `systemctl
+Stops the system like Ctrl-C. To stop a system that systemd runs, use `systemctl
 stop plumbline`.")]
 pub(crate) struct Down {
     #[command(flatten)]

@@ -36,7 +36,7 @@ Exit codes: 0 no problem (warnings are possible), 1 a problem remains.")]
 pub(crate) struct DoctorCommand {
     #[command(flatten)]
     system: LocalSystemArgs,
-    /// Remove files of dead systems, or of the system named by an option
+    /// Remove leftover files of dead systems, or only of the selected one
     #[arg(long)]
     fix: bool,
     /// Observation time of a running system, such as 500ms or 1m

@@ -34,7 +34,7 @@ PX4 ULog, ArduPilot log, tlog, MCAP and ROS 2 bag need no mapping. For any other
 CSV, --map names the column of each quantity: t, gx, gy, gz, ax, ay, az;
 optional mx, my, mz (field), qw, qx, qy, qz (reference), ve, vn, vu or vd
 (velocity, m/s), lat, lon, alt. If several CSV files are given, a column is
-FILE:COLUMN and the files are joined by time. A log whose clock starts again has
+FILE:COLUMN and the files are joined by time. A log whose clock restarts has
 several segments, of which one is converted.
 
 The output is MCAP if its name ends in .mcap, else CSV, compressed if it ends in
@@ -68,25 +68,25 @@ pub(crate) struct ReadOptions {
     /// Topic to read if a bag or MCAP file has several of a kind, repeatable
     #[arg(long = "topic", value_name = "TOPIC")]
     topics: Vec<String>,
-    /// Segment to read if the clock of the log goes back [default: longest]
+    /// Segment to read if the clock of the log jumps back [default: longest]
     #[arg(long, value_name = "N")]
     segment: Option<usize>,
     /// Bits of the CSV's time counter if it wraps, such as 32
     #[arg(long, value_name = "BITS", value_parser = clap::value_parser!(u8).range(1..64))]
     time_bits: Option<u8>,
-    /// Inertial sensor to read, from 0 [default: first that works]
+    /// Index of the inertial sensor, from 0 [default: first that works]
     #[arg(long, value_name = "N")]
     imu: Option<usize>,
 }
 
-/// Numbers of the magnetometer and the receiver to read.
+/// Indices of the magnetometer and the receiver to read.
 #[derive(Args, Clone, Copy, Default)]
 #[command(next_help_heading = "Foreign recordings")]
 pub(crate) struct SensorNumbers {
-    /// Magnetometer to read, from 0 [default: first]
+    /// Index of the magnetometer, from 0 [default: first]
     #[arg(long, value_name = "N")]
     pub(crate) mag: Option<usize>,
-    /// Receiver to read, from 0 [default: first]
+    /// Index of the receiver, from 0 [default: first]
     #[arg(long, value_name = "N")]
     pub(crate) gnss: Option<usize>,
 }

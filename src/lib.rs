@@ -101,9 +101,9 @@ struct Cli {
 enum Command {
     /// Run a system until its source ends or Ctrl-C
     Up(up::Up),
-    /// End a running system
+    /// Stop a running system
     Down(detached::Down),
-    /// Print the messages of a system in the background
+    /// Print the messages of a background system
     Logs(detached::Logs),
     /// Run a one-minute demo of a tumble, kills and swaps
     Demo(demo::DemoCommand),
@@ -199,7 +199,7 @@ Examples:
         #[command(subcommand)]
         command: config::Config,
     },
-    /// Print the completions of a shell
+    /// Print a shell completion script
     #[command(after_help = "\
 Examples:
   plumb completions bash

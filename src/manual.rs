@@ -1,5 +1,5 @@
-//! `plumb completions` and `plumb man`: files for shells and the manual, from the command line's
-//! definition.
+//! `plumb completions` and `plumb man`: completion scripts and manual pages, generated from the
+//! definition of the command line.
 
 use std::{fs, path::Path, process::ExitCode};
 
@@ -9,7 +9,7 @@ use foreign::ForeignText;
 
 use crate::{failure::fail, stdout::print};
 
-/// Prints the completions of a shell.
+/// Prints the completion script of a shell.
 pub(crate) fn print_completions(mut command: Command, shell: Shell) -> ExitCode {
     let mut script = Vec::new();
     let name = command.get_name().to_owned();

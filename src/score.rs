@@ -37,7 +37,7 @@ Examples:
 Input: CSV, CSV.gz, PX4 ULog, ArduPilot log, tlog, MCAP, ROS 2 bag, or
 sim:SCENARIO. A recording has the columns t_s,gx,gy,gz,ax,ay,az and optional
 mx,my,mz,qw,qx,qy,qz,mov; a file of fixes has t_s,ve,vn,vu and optional
-lat_deg,lon_deg,alt_m; a file of --estimate or --reference has t_s,qw,qx,qy,qz
+lat_deg,lon_deg,alt_m. Files for --estimate and --reference have t_s,qw,qx,qy,qz
 on the clock of the recording, body to east-north-up.
 
 KEY is key, slot.key or stage.key. --set KEY=A..B scores 25 values and prints
@@ -46,7 +46,7 @@ values and uses the best one. Both space the values logarithmically if B is at
 least ten times A, and minimise the total error, or the inclination error if the
 heading has no reference.
 
-Files of several fusers are written to DIR/FUSER/. A missing value is nan.
+Files of several fusers are written to DIR/FUSER/. Missing values are nan.
 
 Errors are those of BROAD: e = q_est q_ref*, total 2 acos |e_w|, heading 2 atan
 |e_z/e_w|, inclination 2 acos sqrt(e_w^2 + e_z^2); RMSE over samples with mov =
@@ -54,8 +54,8 @@ Errors are those of BROAD: e = q_est q_ref*, total 2 acos |e_w|, heading 2 atan
 
 ns/update is the CPU time of one step each of gyro, accel and fuser, without
 reading, checks, messages and course: median over 7 rounds, each over the first
-30000 samples of a trial. For an own stage it is the CPU time of its program and
-of the exchange with it, over the first 1000 samples.")]
+30000 samples of a trial. For a user-defined stage it is the CPU time of its
+program and of the communication with it, over the first 1000 samples.")]
 #[command(mut_arg("launch", |launch| launch.help("Launch file with calibration, mounting, limits and stages")))]
 pub(crate) struct Score {
     /// Recordings, or simulations such as sim:s1 or sim:cruise?seed=1..200
@@ -78,10 +78,10 @@ pub(crate) struct Score {
     /// Value or range of a parameter of the selected stages, repeatable
     #[arg(long = "set", value_name = "KEY=VALUE|A..B", value_parser = parse_set)]
     settings: Vec<Set>,
-    /// Use of the magnetic field, or number of the magnetometer of a log
+    /// Magnetic field on or off, or index of the magnetometer in a log
     #[arg(long, value_name = "on|off|N", default_value = "on", value_parser = parse_mag)]
     mag: MagChoice,
-    /// GNSS fixes: auto is NAME_gnss.csv of NAME_imu.csv.gz, N a receiver
+    /// Fixes: auto is NAME_gnss.csv next to NAME_imu.csv.gz, N a receiver
     #[arg(long, value_name = "FILE|auto|off|N", default_value = "auto", value_parser = parse_gnss)]
     gnss: GnssChoice,
     /// Reference attitude t_s,qw,qx,qy,qz (body to east-north-up)
@@ -135,7 +135,7 @@ pub(crate) struct Score {
 enum MagChoice {
     On,
     Off,
-    /// Number of the magnetometer to read.
+    /// Index of the magnetometer to read.
     Number(usize),
 }
 

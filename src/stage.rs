@@ -45,7 +45,7 @@ Examples:
   plumb stage test my-fuser --launch my-fuser/launch.toml
 
 Checks soundness under every fault, snapshots, hand-over and recovery. The
-report counts the cases that are left out because an own stage is slow.
+report counts the cases left out because a user-defined stage is slow.
 Exit codes: 0 all stages pass, 1 otherwise, 2 unknown stage.")]
     Test {
         /// Slot to test: gyro, accel, fuser or course [default: all]

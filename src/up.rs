@@ -33,17 +33,17 @@ Examples:
   plumb up --source 'serial:/dev/ttyUSB0?format=witmotion&rate_hz=200'
   plumb up --replay flight.ulg --speed max --out attitude.csv
 
-SOURCE is KIND:TARGET?key=value&key=value with the kinds sim, stdin, udp, tcp,
-serial, mavlink, iio and the keys of the kind's section in the launch file
+SOURCE is KIND:TARGET?key=value&key=value. KIND is sim, stdin, udp, tcp, serial,
+mavlink or iio, and the keys are those of its section in the launch file
 (docs/how-to/sensors.md). A path such as /dev/ttyUSB0 is a serial port. `plumb
 detect` prints the source of a connected sensor.
 
-RECEIVER is such as serial:/dev/ttyACM0?format=nmea&baud=9600, with keys of
-[ingest.receiver].
+RECEIVER has the same form, such as serial:/dev/ttyACM0?format=nmea&baud=9600.
+Its keys are those of [ingest.receiver].
 
-A replay reads CSV, CSV.gz, PX4 ULog, ArduPilot log, tlog, MCAP or a ROS 2 bag.
-A flight of --record is replayed bit for bit in one process, with its own launch
-file unless one is given.")]
+--replay reads CSV, CSV.gz, PX4 ULog, ArduPilot log, tlog, MCAP or a ROS 2 bag.
+A flight recorded with --record is replayed bit for bit in one process, with its
+own launch file unless --launch is given.")]
 pub(crate) struct Up {
     #[command(flatten)]
     launch: LaunchArgs,

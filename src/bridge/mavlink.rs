@@ -25,7 +25,7 @@ const SILENCE_TIMEOUT: Duration = Duration::from_secs(1);
 Examples:
   plumb bridge mavlink --component-id 1       # a vehicle in QGroundControl
   plumb bridge mavlink --to udpout:192.168.1.9:14550 --rate-hz 20
-  plumb bridge mavlink --system-id 7 --for 10s  # beside an autopilot
+  plumb bridge mavlink --system-id 7 --for 10s  # next to an autopilot
 
 Sends HEARTBEAT, ATTITUDE_QUATERNION, ATTITUDE, ODOMETRY and, for each fix with
 a position, GLOBAL_POSITION_INT. Only component 1 is shown as a vehicle

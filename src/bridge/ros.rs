@@ -61,7 +61,7 @@ pub(crate) struct Ros {
     /// Frame id of the parent in /tf: east, north, up
     #[arg(long, value_name = "NAME", default_value = "map", value_parser = parse_frame_id)]
     parent_frame_id: String,
-    /// Publish no /tf, if another node publishes the parent of the body
+    /// Do not publish /tf (if another node publishes the body frame)
     #[arg(long)]
     no_tf: bool,
     /// Messages per second of source time, Hz, 0.1 to 1000

@@ -47,16 +47,18 @@ Examples:
   plumb calibrate accel --live --for 10m --write launch.toml
   plumb calibrate noise rest.csv --plot noise.svg --launch launch.toml
 
-Input: CSV, CSV.gz, PX4 ULog, ArduPilot log, MCAP, ROS 2 bag, a flight of
---record, or a simulation sim:SCENARIO. Readings are used as measured, before
-[ingest.calibration] and [ingest.mounting]. --launch or --live supplies the
-existing calibration, on which mounting, clock and an accelerometer in motion
-are based. --live ends when the coverage suffices. accel needs a rest with each
-of the six sides up, or twelve rests in any position to include misalignment, or
-slow rotation by hand. noise needs a rest of 30 s to hours at a constant rate
-and no --live; it prints parameters of the fuser in --launch or --write. --write
-keeps the comments of the file. A running system uses the calibration after a
-restart.
+Input: CSV, CSV.gz, PX4 ULog, ArduPilot log, MCAP, ROS 2 bag, a recorded flight,
+or a simulation sim:SCENARIO. Readings are used as measured, before
+[ingest.calibration] and [ingest.mounting]. The existing calibration, from
+--launch or --live, is used by mounting, clock and accel in motion.
+
+accel needs a rest with each of the six sides up, or twelve rests in any
+position to include misalignment, or slow rotation by hand. noise needs a file
+with a rest of 30 s to hours at a constant rate. It prints parameters of the
+fuser in --launch or --write.
+
+--live ends when the coverage suffices. --write keeps the comments of the file.
+A running system uses the new calibration after a restart.
 
 Exit codes: 0 calibration printed, 1 insufficient readings, 2 wrong usage, 3
 invalid input file.")]
@@ -80,7 +82,7 @@ pub(crate) struct Calibrate {
     duration: Option<Duration>,
     #[command(flatten)]
     system: LocalSystemArgs,
-    /// Launch file to change; also read as --launch if that is not given
+    /// Launch file to update; also the default of --launch
     #[arg(long, value_name = "FILE")]
     write: Option<PathBuf>,
     /// SVG file for the Allan deviations of noise

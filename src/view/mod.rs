@@ -51,7 +51,7 @@ pub(crate) struct View {
     remote: Option<Option<String>>,
     #[command(flatten)]
     endpoint: EndpointArgs,
-    /// Local address, or the next free port [default: 127.0.0.1:8088]
+    /// Listening address, or the next free port [default: 127.0.0.1:8088]
     #[arg(long, value_name = "ADDRESS", value_parser = parse_address)]
     listen: Option<SocketAddr>,
     /// Folder of `plumb keys vehicle NAME --host HOST` for serving over TLS

@@ -1,4 +1,4 @@
-//! Times of the steps of a walk: the first commands of a maker, a researcher or an integrator.
+//! Measures the duration of each step of a walk-through, such as the first commands of a new user.
 
 use std::{
     io::{self, Write as _},

@@ -214,7 +214,7 @@ fn occupied_port_is_reported_and_opened_when_free() {
     logged.stop();
 }
 
-/// Serial device that has its path in the test's folder.
+/// Serial device with a path in the test's folder.
 ///
 /// The path is removed before the device is closed, because the kernel may reuse `/dev/pts/N` for
 /// another test.

@@ -1,5 +1,5 @@
-//! `plumb score --estimate`: attitudes of other programs have the errors, figures, tables and
-//! report of a stage.
+//! `plumb score --estimate`: attitudes of other programs are scored, plotted and reported like
+//! those of a stage.
 use std::{fs, path::Path};
 
 use serde_json::Value;

@@ -498,7 +498,7 @@ typedef struct PlumblineAttitude {
    */
   uint64_t tick;
   /*
-   Time of the attitude, ns: the time stamps of the samples with jumps of the clock removed.
+   Time of the attitude, ns: the sample timestamp, corrected for jumps of the sensor clock.
    */
   int64_t t_ns;
   /*
@@ -691,7 +691,7 @@ PlumblineStatus plumbline_ahrs_update(struct PlumblineAhrs *ahrs,
                                       struct PlumblineAttitude *attitude);
 
 /*
- Processes a sample of all sensors with its time stamp.
+ Processes a timestamped sample of all sensors.
 
  `t_ns`: end of the sample's interval on the clock of the sensors, ns. The other arguments are
  those of plumbline_ahrs_update().
@@ -704,8 +704,8 @@ PlumblineStatus plumbline_ahrs_update_at(struct PlumblineAhrs *ahrs,
                                          struct PlumblineAttitude *attitude);
 
 /*
- Processes a sample of gyro and accelerometer. The newest field and fix since the previous
- sample take effect. The arguments are those of plumbline_ahrs_update().
+ Processes a gyro and accelerometer sample. The newest field and fix since the previous sample
+ take effect. The arguments are those of plumbline_ahrs_update().
  */
 PlumblineStatus plumbline_ahrs_update_imu(struct PlumblineAhrs *ahrs,
                                           const double *gyro_rad_s,
@@ -714,7 +714,7 @@ PlumblineStatus plumbline_ahrs_update_imu(struct PlumblineAhrs *ahrs,
                                           struct PlumblineAttitude *attitude);
 
 /*
- Processes a sample of gyro and accelerometer with its time stamp. The arguments are those of
+ Processes a timestamped gyro and accelerometer sample. The arguments are those of
  plumbline_ahrs_update_at().
  */
 PlumblineStatus plumbline_ahrs_update_imu_at(struct PlumblineAhrs *ahrs,
@@ -724,14 +724,14 @@ PlumblineStatus plumbline_ahrs_update_imu_at(struct PlumblineAhrs *ahrs,
                                              struct PlumblineAttitude *attitude);
 
 /*
- Stores a magnetometer sample, 3 numbers, microtesla. It takes effect with the next sample of
- gyro and accelerometer.
+ Stores a magnetometer sample, 3 numbers, microtesla. It takes effect with the next gyro and
+ accelerometer sample.
  */
 PlumblineStatus plumbline_ahrs_update_mag(struct PlumblineAhrs *ahrs, const double *field_ut);
 
 /*
- Stores a velocity from the satellite receiver. It takes effect with the next sample of gyro and
- accelerometer.
+ Stores a velocity from the satellite receiver. It takes effect with the next gyro and
+ accelerometer sample.
  */
 PlumblineStatus plumbline_ahrs_update_gnss(struct PlumblineAhrs *ahrs,
                                            const struct PlumblineFix *fix);

@@ -49,7 +49,7 @@ pub struct PlumblineAttitude {
     pub flags: u64,
     /// Number of accepted samples before this one.
     pub tick: u64,
-    /// Time of the attitude, ns: the time stamps of the samples with jumps of the clock removed.
+    /// Time of the attitude, ns: the sample timestamp, corrected for jumps of the sensor clock.
     pub t_ns: i64,
     /// PlumblineHeadingReference: direction in which the heading is zero.
     pub heading_reference: u32,

@@ -154,7 +154,7 @@ pub unsafe extern "C" fn plumbline_ahrs_update(
     unsafe { update(ahrs, gyro_rad_s, accel_m_s2, field_ut, Time::Interval(dt_s), attitude) }
 }
 
-/// Processes a sample of all sensors with its time stamp.
+/// Processes a timestamped sample of all sensors.
 ///
 /// `t_ns`: end of the sample's interval on the clock of the sensors, ns. The other arguments are
 /// those of plumbline_ahrs_update().
@@ -175,8 +175,8 @@ pub unsafe extern "C" fn plumbline_ahrs_update_at(
     unsafe { update(ahrs, gyro_rad_s, accel_m_s2, field_ut, Time::Stamp(t_ns), attitude) }
 }
 
-/// Processes a sample of gyro and accelerometer. The newest field and fix since the previous
-/// sample take effect. The arguments are those of plumbline_ahrs_update().
+/// Processes a gyro and accelerometer sample. The newest field and fix since the previous sample
+/// take effect. The arguments are those of plumbline_ahrs_update().
 ///
 /// # Safety
 ///
@@ -193,7 +193,7 @@ pub unsafe extern "C" fn plumbline_ahrs_update_imu(
     unsafe { update(ahrs, gyro_rad_s, accel_m_s2, core::ptr::null(), Time::Interval(dt_s), attitude) }
 }
 
-/// Processes a sample of gyro and accelerometer with its time stamp. The arguments are those of
+/// Processes a timestamped gyro and accelerometer sample. The arguments are those of
 /// plumbline_ahrs_update_at().
 ///
 /// # Safety
@@ -211,8 +211,8 @@ pub unsafe extern "C" fn plumbline_ahrs_update_imu_at(
     unsafe { update(ahrs, gyro_rad_s, accel_m_s2, core::ptr::null(), Time::Stamp(t_ns), attitude) }
 }
 
-/// Stores a magnetometer sample, 3 numbers, microtesla. It takes effect with the next sample of
-/// gyro and accelerometer.
+/// Stores a magnetometer sample, 3 numbers, microtesla. It takes effect with the next gyro and
+/// accelerometer sample.
 ///
 /// # Safety
 ///
@@ -227,8 +227,8 @@ pub unsafe extern "C" fn plumbline_ahrs_update_mag(ahrs: *mut PlumblineAhrs, fie
     }))
 }
 
-/// Stores a velocity from the satellite receiver. It takes effect with the next sample of gyro and
-/// accelerometer.
+/// Stores a velocity from the satellite receiver. It takes effect with the next gyro and
+/// accelerometer sample.
 ///
 /// # Safety
 ///
@@ -359,7 +359,7 @@ pub unsafe extern "C" fn plumbline_ahrs_restore(
 enum Time {
     /// Time since the previous sample, s.
     Interval(f64),
-    /// Time stamp, ns.
+    /// Timestamp, ns.
     Stamp(i64),
 }
 

@@ -134,7 +134,7 @@ impl Attitude {
         self.0.tick()
     }
 
-    /// Time of the attitude, ns: the time stamps of the samples with jumps of the clock removed.
+    /// Time of the attitude, ns: the sample timestamp, corrected for jumps of the sensor clock.
     #[getter]
     fn t_ns(&self) -> i64 {
         self.0.t_ns()

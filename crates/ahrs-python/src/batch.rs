@@ -19,7 +19,7 @@ use crate::error::value_error;
 
 /// Numbers from the caller: an array, or a sequence that numpy converts to an array.
 pub(crate) type Numbers<'py> = PyArrayLikeDyn<'py, f64, AllowTypeChange>;
-/// Time stamps from the caller. Types other than `int64` could lose digits.
+/// Timestamps passed by the caller. Types other than `int64` could lose digits.
 pub(crate) type Stamps<'py> = PyArrayLikeDyn<'py, i64, TypeMustMatch>;
 
 /// Attitudes after each sample of a batch, one row per sample.
@@ -66,7 +66,7 @@ enum Times<'a> {
     Interval(f64),
     /// Interval before each sample, s.
     Intervals(ArrayView1<'a, f64>),
-    /// Time stamps, ns.
+    /// Timestamps, ns.
     Stamps(ArrayView1<'a, i64>),
 }
 

@@ -104,7 +104,7 @@ impl Ahrs {
         Ok(Self { filter: builder.build() })
     }
 
-    /// Process a sample of all sensors and return the attitude after it.
+    /// Process a sample of all sensors and return the new attitude.
     ///
     /// gyro_rad_s: body rate, rad/s, shape (3,).
     /// accel_m_s2: specific force, m/s², shape (3,); points up at rest.
@@ -123,7 +123,7 @@ impl Ahrs {
         Attitude(self.filter.update(gyro_rad_s, accel_m_s2, field_ut, dt_s))
     }
 
-    /// Process a sample of all sensors with its time stamp and return the attitude after it.
+    /// Process a timestamped sample of all sensors and return the new attitude.
     ///
     /// t_ns: end of the sample's interval on the clock of the sensors, ns.
     ///
@@ -138,7 +138,7 @@ impl Ahrs {
         Attitude(self.filter.update_at(gyro_rad_s, accel_m_s2, field_ut, t_ns))
     }
 
-    /// Process a sample of gyro and accelerometer and return the attitude after it.
+    /// Process a gyro and accelerometer sample and return the new attitude.
     ///
     /// The newest field and fix since the previous sample take effect. The arguments are those of
     /// `update`.
@@ -146,20 +146,19 @@ impl Ahrs {
         Attitude(self.filter.update_imu(gyro_rad_s, accel_m_s2, dt_s))
     }
 
-    /// Process a sample of gyro and accelerometer with its time stamp, ns, and return the attitude
-    /// after it.
+    /// Process a timestamped gyro and accelerometer sample and return the new attitude.
     fn update_imu_at(&mut self, gyro_rad_s: [f64; 3], accel_m_s2: [f64; 3], t_ns: i64) -> Attitude {
         Attitude(self.filter.update_imu_at(gyro_rad_s, accel_m_s2, t_ns))
     }
 
-    /// Store a magnetometer sample, µT, shape (3,). It takes effect with the next sample of gyro
-    /// and accelerometer.
+    /// Store a magnetometer sample, µT, shape (3,). It takes effect with the next gyro and
+    /// accelerometer sample.
     fn update_mag(&mut self, field_ut: [f64; 3]) {
         self.filter.update_mag(field_ut);
     }
 
-    /// Store a velocity from the satellite receiver. It takes effect with the next sample of gyro
-    /// and accelerometer.
+    /// Store a velocity from the satellite receiver. It takes effect with the next gyro and
+    /// accelerometer sample.
     ///
     /// velocity_m_s: velocity, m/s, east, north, up, shape (3,).
     /// velocity_sd_m_s: standard deviation of each component, m/s, if the receiver reports it.

@@ -1,4 +1,4 @@
-//! Processes samples with time stamps, some of which are missing, repeated or late.
+//! Processes samples with timestamps, some of which are missing, repeated or late.
 use plumbline_ahrs::{Ahrs, Flags};
 
 fn main() {

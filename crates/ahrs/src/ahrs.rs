@@ -55,7 +55,7 @@ pub struct Ahrs<F = MultipleModel> {
 }
 
 impl<F: FuserStage> Ahrs<F> {
-    /// Processes a sample of all sensors and returns the attitude after it.
+    /// Processes a sample of all sensors and returns the new attitude.
     ///
     /// - `gyro_rad_s`: body rate, rad/s.
     /// - `accel_m_s2`: specific force, m/s²; points up at rest.
@@ -78,7 +78,7 @@ impl<F: FuserStage> Ahrs<F> {
         self.update_at(gyro_rad_s, accel_m_s2, field_ut, t_ns)
     }
 
-    /// Processes a sample of all sensors with its time stamp, and returns the attitude after it.
+    /// Processes a timestamped sample of all sensors and returns the new attitude.
     ///
     /// `t_ns` is the end of the sample's interval on the clock of the sensors, ns. The other
     /// arguments are those of [`update`](Self::update).
@@ -106,7 +106,7 @@ impl<F: FuserStage> Ahrs<F> {
         self.attitude
     }
 
-    /// Processes a sample of gyro and accelerometer, and returns the attitude after it.
+    /// Processes a gyro and accelerometer sample and returns the new attitude.
     ///
     /// The newest field and fix since the previous sample take effect. The arguments are those of
     /// [`update`](Self::update).
@@ -114,20 +114,20 @@ impl<F: FuserStage> Ahrs<F> {
         self.update(gyro_rad_s, accel_m_s2, None, dt_s)
     }
 
-    /// Processes a sample of gyro and accelerometer with its time stamp, ns, and returns the
-    /// attitude after it. The arguments are those of [`update_at`](Self::update_at).
+    /// Processes a timestamped gyro and accelerometer sample and returns the new attitude. The
+    /// arguments are those of [`update_at`](Self::update_at).
     pub fn update_imu_at(&mut self, gyro_rad_s: [f64; 3], accel_m_s2: [f64; 3], t_ns: i64) -> Attitude {
         self.update_at(gyro_rad_s, accel_m_s2, None, t_ns)
     }
 
-    /// Stores a magnetometer sample, µT. It takes effect with the next sample of gyro and
-    /// accelerometer.
+    /// Stores a magnetometer sample, µT. It takes effect with the next gyro and accelerometer
+    /// sample.
     pub fn update_mag(&mut self, field_ut: [f64; 3]) {
         self.pending_field_ut = Some(field_ut);
     }
 
-    /// Stores a velocity from the satellite receiver. It takes effect with the next sample of gyro
-    /// and accelerometer.
+    /// Stores a velocity from the satellite receiver. It takes effect with the next gyro and
+    /// accelerometer sample.
     pub fn update_gnss(&mut self, fix: &GnssFix) {
         let GnssFix { velocity_m_s, velocity_sd_m_s, age_s, latitude_rad } = *fix;
         let fix = Fix { velocity_m_s: velocity_m_s.into(), sd_m_s: velocity_sd_m_s, age_s, latitude_rad };

@@ -167,8 +167,8 @@ impl Attitude {
         self.tick
     }
 
-    /// Returns the time of the attitude, ns: the time stamps of the samples with jumps of the clock
-    /// removed.
+    /// Returns the time of the attitude, ns: the sample timestamp, corrected for jumps of the
+    /// sensor clock.
     pub fn t_ns(&self) -> i64 {
         self.t_ns
     }

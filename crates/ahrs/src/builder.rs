@@ -167,7 +167,7 @@ impl AhrsBuilder<Fuser> {
 impl<F: FuserStage> AhrsBuilder<F> {
     /// Sets the nominal sampling rate of gyro and accelerometer, 0.1 to 100,000 Hz; default 100.
     ///
-    /// It is used only for samples with an unusable time stamp, until the true rate is known from
+    /// It is used only for samples with an unusable timestamp, until the true rate is known from
     /// other samples.
     ///
     /// # Errors

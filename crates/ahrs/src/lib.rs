@@ -35,7 +35,7 @@
 //! | the sensors | call |
 //! | --- | --- |
 //! | deliver all values together, at a known interval | [`Ahrs::update`] |
-//! | deliver all values together, with a time stamp | [`Ahrs::update_at`] |
+//! | deliver all values together, with a timestamp | [`Ahrs::update_at`] |
 //! | have their own rates | [`Ahrs::update_imu`] or [`Ahrs::update_imu_at`], [`Ahrs::update_mag`], [`Ahrs::update_gnss`] |
 //!
 //! # Faults of the sensors

@@ -61,7 +61,7 @@ pub(crate) fn check_folder(path: &Path) -> Result<(), BusError> {
     check_access(path, &found, "folder", found.is_dir())
 }
 
-/// Checks that the path belongs to this user, whatever its kind. A missing path is accepted.
+/// Checks that a file of any type belongs to this user. A missing file is accepted.
 pub(crate) fn check_owner(path: &Path) -> Result<(), BusError> {
     match fs::symlink_metadata(path) {
         Ok(found) => check_uid(path, &found),

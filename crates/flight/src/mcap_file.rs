@@ -231,7 +231,7 @@ impl McapFile {
 }
 
 impl Group {
-    /// Adds a record, also to `copy`.
+    /// Appends a record to the group and to `copy`.
     fn add(&mut self, record: &[u8], copy: &mut Vec<u8>) {
         self.records.extend_from_slice(record);
         copy.extend_from_slice(record);

@@ -189,8 +189,8 @@ pub(crate) fn timestamps(rejected: u64, leaps: u64, samples: u64) -> Diagnosis {
 }
 
 pub(crate) fn force_magnitude(low: f64, median: f64, high: f64, is_steady: bool) -> Diagnosis {
-    /// Force below which an accelerometer is dead, m/s². Less than 0.1 mg is below the noise of any
-    /// working accelerometer.
+    /// Force below which an accelerometer is considered dead, m/s². Less than 0.1 mg is below the
+    /// noise of any working accelerometer.
     const DEAD_M_S2: f64 = 1e-6;
     if high < DEAD_M_S2 {
         return dead_accelerometer();

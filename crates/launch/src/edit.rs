@@ -15,7 +15,7 @@ use crate::{Launch, problem::Problems};
 /// Key of the parameters of a stage.
 const PARAMETERS: &str = "set";
 
-/// Error of changing a launch file. The file is then unchanged.
+/// Failure to change a launch file. The file remains unchanged.
 #[derive(Debug, thiserror::Error)]
 pub enum EditError {
     /// The file cannot be read or replaced.

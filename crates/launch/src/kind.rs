@@ -297,7 +297,7 @@ impl<T> Kind<Vec<T>> for Tables<T> {
     }
 }
 
-/// Keys of the enclosing table, read by the function.
+/// Settings with keys in the enclosing table. The function reads them.
 pub(crate) struct Inline<T>(pub(crate) fn(&mut T, &mut Section<'_, '_>));
 
 impl<T> Kind<T> for Inline<T> {
@@ -306,7 +306,7 @@ impl<T> Kind<T> for Inline<T> {
     }
 }
 
-/// A key that is read by the function, because its allowed values depend on other keys.
+/// Key with allowed values that depend on other keys. The function reads it.
 pub(crate) struct By<T>(pub(crate) fn(&mut Section<'_, '_>, Key, &mut T));
 
 impl<T> Kind<T> for By<T> {

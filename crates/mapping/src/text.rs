@@ -228,7 +228,7 @@ fn with_point(field: &str) -> Cow<'_, str> {
     if has_decimal_comma { field.replacen(',', ".", 1).into() } else { field.into() }
 }
 
-/// Time in a text.
+/// Time parsed from text.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Time {
     /// Number in the unit of the column, ns.

@@ -107,7 +107,7 @@ named_values! {
 payload! {
     /// Unchecked reading of the sensors. Any value may be NaN.
     SensorReading = "plumbline.SensorReading.1" at (|reading, _| Some(reading.t_sensor_ns)) {
-        /// Time stamp of the sensor, ns.
+        /// Sensor timestamp, ns.
         t_sensor_ns: i64,
         /// Body rate, rad/s.
         rate_rad_s: [f64; 3],
@@ -206,7 +206,7 @@ payload! {
         number: u64,
         /// Tick that is assigned to the reading unless it is rejected.
         tick: u64,
-        /// Time stamp of the source, ns.
+        /// Source timestamp, ns.
         t_sensor_ns: i64,
         /// Sample time minus source time before this reading, ns.
         offset_ns: i64,

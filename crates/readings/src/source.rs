@@ -41,7 +41,7 @@ impl Reading {
         conditioner::Reading { t_ns, rate_rad_s, force_m_s2, field_ut, fix }
     }
 
-    /// Returns the reading with each −0 of the sensors replaced by 0.
+    /// Returns the reading with each −0 in the sensor values replaced by 0.
     pub fn without_negative_zero(&self) -> Self {
         let conditioner::Reading { t_ns, rate_rad_s, force_m_s2, field_ut, fix } =
             self.sensors().without_negative_zero();

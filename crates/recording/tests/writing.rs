@@ -23,7 +23,7 @@ fn read(path: &Path) -> Vec<Row> {
     Reader::open(path).unwrap().map(Result::unwrap).collect()
 }
 
-/// Returns the bits of all numbers; every NaN gives the same bits.
+/// Returns the bit patterns of all numbers, with the same pattern for every NaN.
 fn bits(row: &Row) -> (i64, Vec<u64>, Option<bool>) {
     let parts = row.rate_rad_s.iter().chain(&row.force_m_s2).chain(row.field_ut.iter().flatten());
     let parts = parts.chain(row.reference.iter().flat_map(|reference| &reference.quaternion));

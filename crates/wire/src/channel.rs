@@ -6,7 +6,7 @@
 //!
 //! Output: bytes in the schema of the channel.
 //!
-//! Time: [`Stamps`] defines the clock of each time stamp.
+//! Time: [`Stamps`] defines the clock of each timestamp.
 //!
 //! Failure: bytes that are not a message of the topic yield `None`.
 
@@ -78,7 +78,7 @@ pub struct FieldOffsets {
     pub lost_upstream: Option<usize>,
 }
 
-/// Time stamps and sequence number of a message on a channel.
+/// Timestamps and sequence number of a message on a channel.
 ///
 /// `log_ns` is the time of publication on CLOCK_REALTIME: the message's `t_sent_ns`, or the time of
 /// reception if the message has none. This time is converted from CLOCK_MONOTONIC with

@@ -7,7 +7,7 @@ static RECORDING: &[u8] = include_bytes!(concat!(env!("OUT_DIR"), "/recording.bi
 
 /// Sample of all sensors.
 pub struct Sample {
-    /// Time stamp, ns.
+    /// Timestamp, ns.
     pub t_ns: i64,
     /// Body rate, rad/s.
     pub gyro_rad_s: [f64; 3],

@@ -153,7 +153,8 @@ impl ServerState {
 }
 
 impl Server {
-    /// Binds to `address`, or to the next free port. If `tls` is given, the server uses TLS.
+    /// Binds to `address`, or to the next free port if its port is in use. If `tls` is given, the
+    /// server uses TLS.
     ///
     /// # Errors
     ///

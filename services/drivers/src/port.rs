@@ -36,7 +36,7 @@ pub(crate) enum StdinDescriptor {
 pub(crate) enum OpenPort {
     /// Standard input of `plumb up`.
     Stdin(StdinDescriptor),
-    /// Datagrams of any sender.
+    /// Datagrams from any sender.
     Udp(DatagramPort),
     /// TCP connection.
     Tcp(TcpStream),

@@ -16,7 +16,7 @@ use crate::{
 /// Function that creates a decoder in its initial state.
 type DecoderFactory = Box<dyn Fn() -> Result<Box<dyn Decoder>, DriversError>>;
 
-/// Maximum number of datagrams of other senders that are discarded per read.
+/// Maximum number of datagrams from other senders that are discarded per read.
 const MAX_FOREIGN_DATAGRAMS: usize = 256;
 
 /// Port and the decoder of its bytes.
@@ -44,7 +44,7 @@ enum Decoding {
         /// Totals of the decoders that have been replaced.
         previous_counts: Counts,
     },
-    /// Datagrams of several senders.
+    /// Datagrams from several senders.
     Datagrams(SenderDecoders),
 }
 

@@ -136,8 +136,8 @@ pub fn parse_frame_id(text: &str) -> Result<String, String> {
     is_name.then(|| text.to_owned()).ok_or_else(|| "expected a frame name, for instance imu_link".into())
 }
 
-/// Returns the attachment of a message: sequence number from 1, time stamp and publisher
-/// identifier. The identifier is preceded by its length.
+/// Returns the attachment of a message: sequence number from 1, timestamp and publisher identifier.
+/// The identifier is preceded by its length.
 pub fn attachment(sequence_number: i64, stamp_ns: i64, publisher_gid: [u8; 16]) -> Vec<u8> {
     [&sequence_number.to_le_bytes()[..], &stamp_ns.to_le_bytes(), &[publisher_gid.len() as u8], &publisher_gid].concat()
 }

@@ -211,7 +211,7 @@ mod tests {
     use super::*;
     use crate::diagnostics::Level;
 
-    /// Encapsulation header and the time stamp 1.5 s.
+    /// Encapsulation header and a timestamp of 1.5 s.
     const START: [u8; 12] = [0, 1, 0, 0, 1, 0, 0, 0, 0, 0x65, 0xcd, 0x1d];
     const STAMP_NS: i64 = 1_500_000_000;
 
@@ -232,7 +232,7 @@ mod tests {
     fn imu_message_has_cdr_layout() {
         let sample = ImuSample { force_m_s2: [0.1, 0.2, 9.8], ..Zeroable::zeroed() };
         let bytes = encode_imu(&level(), &sample, STAMP_NS, "imu_link").unwrap();
-        // The time stamp is followed by the length of the frame name (nine bytes including the
+        // The timestamp is followed by the length of the frame name (nine bytes including the
         // terminating zero). After the name, each number is aligned to 8 bytes, counted from the
         // end of the encapsulation header.
         assert_eq!(&bytes[..16], [&START[..], &[9, 0, 0, 0]].concat());

@@ -42,14 +42,14 @@ const MAGIC_NUMBERS: [(&[u8], Format); 19] = [
     (b"\xb5\x62", Format::Receiver),
     (b"\xfa\xff", Format::Xsens),
 ];
-/// Names of the first files in a zip archive that is a spreadsheet of Excel or LibreOffice.
+/// Names of the first files in the zip archive of an Excel or LibreOffice spreadsheet.
 const SPREADSHEET_ENTRIES: [&[u8]; 4] =
     [b"[Content_Types].xml", b"xl/", b"_rels/.rels", b"mimetypeapplication/vnd.oasis.opendocument.spreadsheet"];
-/// Position and bytes of the mark of a tar archive.
+/// Offset and bytes of the tar signature.
 const TAR_MAGIC: (usize, &[u8]) = (257, b"ustar");
-/// Mark of a Betaflight log, which may follow bytes of an erased flash memory.
+/// Signature of a Betaflight log. It may follow bytes from erased flash memory.
 const BLACKBOX_MARK: &[u8] = b"H Product:Blackbox";
-/// Name of the messages that describe others in the text form of an ArduPilot log.
+/// Start of a format definition in the text form of an ArduPilot log.
 const ARDUPILOT_TEXT_FORMAT: &[u8] = b"FMT";
 /// Byte order marks. That of UTF-32 begins with that of UTF-16.
 const BYTE_ORDER_MARKS: [(&[u8], Format); 4] = [
@@ -61,9 +61,9 @@ const BYTE_ORDER_MARKS: [(&[u8], Format); 4] = [
 /// First bytes of MAVLink messages, versions 1 and 2.
 const MAVLINK_MAGIC: [u8; 2] = [0xfe, 0xfd];
 const WITMOTION_FRAME_BYTES: usize = 11;
-/// Length of the time of arrival before each message of a telemetry log, bytes.
+/// Length of the arrival time before each message in a telemetry log, bytes.
 const TLOG_STAMP_BYTES: usize = 8;
-/// Plausible times of arrival, µs since 1970: 2001 to 2100.
+/// Plausible arrival times, µs since 1970: 2001 to 2100.
 const TLOG_TIMES_US: std::ops::Range<u64> = 1_000_000_000_000_000..4_102_444_800_000_000;
 
 /// File present in every ROS 2 bag folder. It contains [`BAG_METADATA_KEY`].

@@ -14,27 +14,27 @@ pub enum Format {
     Ulog,
     /// MCAP file: a recorded Plumbline flight or a ROS 2 log.
     Mcap,
-    /// Folder of a ROS 2 bag.
+    /// ROS 2 bag folder.
     Bag,
-    /// DataFlash log of ArduPilot.
+    /// ArduPilot DataFlash log.
     ArduPilot,
     /// SQLite database, as used by ROS 2 bags.
     Sqlite,
-    /// Telemetry log of a ground station: MAVLink messages with their times of arrival.
+    /// Ground station telemetry log: MAVLink messages with their arrival times.
     Tlog,
-    /// Folder with files of a ROS 2 bag, but without `metadata.yaml`.
+    /// ROS 2 bag folder without `metadata.yaml`.
     BagWithoutMetadata,
     /// ROS 1 bag.
     Ros1Bag,
-    /// Log of Betaflight, INAV or Cleanflight.
+    /// Betaflight, INAV or Cleanflight log.
     Blackbox,
     /// Text form of an ArduPilot log.
     ArduPilotText,
-    /// Bytes of an Xsens sensor.
+    /// Xsens sensor output.
     Xsens,
-    /// Bytes of a WitMotion sensor.
+    /// WitMotion sensor output.
     WitMotion,
-    /// UBX or NMEA of a satellite receiver.
+    /// UBX or NMEA output of a satellite receiver.
     Receiver,
     /// Text in UTF-16, little-endian.
     Utf16Le,
@@ -42,17 +42,17 @@ pub enum Format {
     Utf16Be,
     /// Text in UTF-32 with a byte order mark.
     Utf32,
-    /// Spreadsheet of Excel or LibreOffice.
+    /// Excel or LibreOffice spreadsheet.
     Spreadsheet,
     /// Apache Parquet.
     Parquet,
-    /// HDF5, also as `.mat` of MATLAB 7.3.
+    /// HDF5, including `.mat` files of MATLAB 7.3.
     Hdf5,
-    /// Data file of MATLAB 5 to 7.2.
+    /// MATLAB 5 to 7.2 data file.
     Matlab,
-    /// Array of NumPy.
+    /// NumPy array.
     Numpy,
-    /// JSON, also with one object per line.
+    /// JSON, either one document or one object per line.
     Json,
     /// Zip archive.
     Zip,

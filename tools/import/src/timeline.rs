@@ -61,9 +61,9 @@ pub(crate) struct SourceClock {
 pub(crate) struct SegmentFinder {
     clock: SourceClock,
     offset_ns: i64,
-    /// Step between the last two samples that went forward, ns.
+    /// Interval between the last two samples with increasing time, ns.
     interval_ns: i64,
-    /// Times of the samples that go back, in increasing order.
+    /// Times of samples earlier than the last one of the segment, in increasing order.
     backward_ns: Vec<i64>,
     segments: Vec<Segment>,
     /// Number of times that the counter wrapped.
@@ -148,12 +148,12 @@ pub(crate) fn longest(segments: &[Segment]) -> usize {
     (0..segments.len()).rev().max_by_key(|index| segments.get(*index).map(length_ns)).unwrap_or(0)
 }
 
-/// Segment that is read, among all segments of the series that determines the rows.
+/// Segments of the series that determines the rows, and the segment to read.
 #[derive(Debug, Clone, Default)]
 pub(crate) struct SegmentChoice {
     pub(crate) clock: SourceClock,
     pub(crate) segments: Vec<Segment>,
-    /// Index of the segment that is read.
+    /// Index of the segment to read.
     pub(crate) index: usize,
 }
 

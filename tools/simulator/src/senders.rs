@@ -1,5 +1,4 @@
-//! Simulated senders that share a port. Checks which sender is chosen, and when it is no longer
-//! chosen.
+//! Simulates senders that share a port, and checks which sender is chosen and for how long.
 //!
 //! The expected choice is computed from the record of all datagrams, not from the state of the
 //! choice under test.

@@ -204,7 +204,7 @@ impl Setup {
         }
     }
 
-    /// Adds a fault of the bus files shortly before a stop, so that the stop arrives during the
+    /// Adds a fault in the bus files shortly before a stop, so that the stop arrives during the
     /// restart.
     fn add_renewal_at_stop(&mut self, random: &mut Random) {
         let Some(stop_ms) = self.stop_ms().filter(|_| random.chance(400)) else { return };

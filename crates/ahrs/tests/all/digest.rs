@@ -21,7 +21,7 @@ impl Digest {
     }
 }
 
-/// Returns the bits of all values of an attitude.
+/// Returns the bit patterns of all values in an attitude.
 pub(crate) fn words(attitude: &Attitude) -> impl Iterator<Item = u64> {
     let words = [
         attitude.tick(),

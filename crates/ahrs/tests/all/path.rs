@@ -46,7 +46,7 @@ pub(crate) fn update<F: FuserStage>(ahrs: &mut Ahrs<F>, reading: &Reading) -> At
     ahrs.update_at(reading.rate_rad_s, reading.force_m_s2, reading.field_ut, reading.t_ns)
 }
 
-/// Returns the bits of all numbers of a system's output, in the order of [`words`].
+/// Returns the bit patterns of all numbers in a system's output, in the order of [`words`].
 pub(crate) fn system_bits((fused, output): &(FusedState, AttitudeOutput)) -> Vec<u64> {
     let numbers = [
         &[output.yaw_rad, output.pitch_rad, output.roll_rad][..],
@@ -67,7 +67,7 @@ pub(crate) fn system_bits((fused, output): &(FusedState, AttitudeOutput)) -> Vec
     words.into_iter().chain(numbers.concat().into_iter().map(f64::to_bits)).collect()
 }
 
-/// Returns the bits of all numbers of an attitude, in the order of [`system_bits`].
+/// Returns the bit patterns of all numbers in an attitude, in the order of [`system_bits`].
 pub(crate) fn bits(attitude: &Attitude) -> Vec<u64> {
     words(attitude).collect()
 }

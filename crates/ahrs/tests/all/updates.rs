@@ -1,4 +1,4 @@
-//! The calls for sensors with different rates give the same result as the call for all sensors.
+//! Tests that the separate update methods give the same result as `update_at`.
 
 use plumbline_ahrs::{Ahrs, GnssFix};
 

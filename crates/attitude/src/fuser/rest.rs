@@ -28,11 +28,11 @@ const MAX_INTERVAL_S: f64 = 0.5;
 /// Largest change of force and field that counts as no change, as a fraction of the change that a
 /// real rotation would cause.
 const MAX_CHANGE_FRACTION: f64 = 0.5;
-/// Smallest change of the magnetic field, expected for a real rotation, that is large enough to be
-/// recognised, µT: several times the noise of a magnetometer.
+/// Minimum change of the magnetic field by which a real rotation is recognised, µT: several times
+/// the noise of a magnetometer.
 const MIN_FIELD_CHANGE_UT: f64 = 2.0;
-/// Time without movement after which a rest is detected even if a real rotation would hardly change
-/// the field, s.
+/// Time without movement after which a rest is detected even if a real rotation would change the
+/// field by less than [`MIN_FIELD_CHANGE_UT`], s.
 const MAX_UNDECIDED_S: f64 = 3.0;
 /// Largest deviation of a force from its mean at rest, m/s².
 const MAX_FORCE_DEVIATION_M_S2: f64 = 0.5;
@@ -171,8 +171,8 @@ impl RestDetector {
         self.field_mean_ut += (field_ut - self.field_mean_ut) * gain;
     }
 
-    /// Returns `true` if the mean force or the mean field has changed since the start of the quiet
-    /// time as if the body had rotated at the mean rate.
+    /// Returns `true` if the change of the mean force or field since the start of the quiet time
+    /// indicates a real rotation at the mean rate.
     fn has_turned(&self) -> bool {
         let rotation_rad = self.rate_mean_rad_s * self.quiet_s;
         let has_turned = |initial: Vector3<f64>, mean: Vector3<f64>, noise: f64| {

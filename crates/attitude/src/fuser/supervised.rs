@@ -469,7 +469,7 @@ mod tests {
         }
     }
 
-    /// Returns a level tick at rest, the one after `previous`.
+    /// Returns the tick that follows `previous`, with the body level and at rest.
     fn tick_after(previous: &SensorTick) -> SensorTick {
         let force_m_s2 = Vector3::new(0.0, 0.0, GRAVITY_M_S2);
         let inclination = Inclination { force_m_s2, norm_m_s2: GRAVITY_M_S2, trust: 1.0, ..Inclination::default() };

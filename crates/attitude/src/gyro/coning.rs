@@ -37,8 +37,8 @@ const MAX_INTERVAL_RATIO: f64 = 2.0;
 pub(super) struct Coning {
     /// Last two rates, newest first, rad/s.
     rates_rad_s: [Vector3<f64>; 2],
-    /// Interval between the two rates or, for means, the averaging interval of the newer rate, s; 0
-    /// before the second sample.
+    /// Interval between the two rates, s; 0 before the second sample. If the rates are means, it is
+    /// the averaging interval of the newer one.
     interval_s: f64,
     started: bool,
 }

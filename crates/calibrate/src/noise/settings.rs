@@ -8,8 +8,8 @@ use super::report::{Estimate, Selector, SensorNoise};
 enum Rule {
     /// The parameter is set to the measured value. The value must be determined on all axes.
     Measured,
-    /// The parameter also describes errors that a rest does not show, such as bias drift by
-    /// temperature or coning. A measured value replaces the default only if it is larger.
+    /// The parameter also covers errors that do not appear at rest, such as thermal bias drift or
+    /// coning. A measured value replaces the default only if it is larger.
     AtLeastDefault,
 }
 

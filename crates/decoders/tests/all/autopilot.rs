@@ -1,4 +1,4 @@
-//! Selection of messages and systems of an autopilot.
+//! Tests the selection of an autopilot among MAVLink systems, and of its messages.
 
 use std::time::Duration;
 

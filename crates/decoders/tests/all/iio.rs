@@ -96,7 +96,7 @@ fn enabled_channel_shifts_later_ones() {
     let before = sysfs::prepare(&device, 2, None).unwrap();
     fs::write(device.join("scan_elements/in_temp_en"), "1").unwrap();
     let after = sysfs::read(&device).unwrap();
-    // Before: 24 bytes of vectors and 8 of time stamp. After: 2 bytes of temperature and 6 of
+    // Before: 24 bytes of vectors and 8 of timestamp. After: 2 bytes of temperature and 6 of
     // padding are inserted between them.
     assert_eq!((before.time.unwrap().byte_offset, before.record_bytes), (24, 32));
     assert_eq!((after.time.unwrap().byte_offset, after.record_bytes), (32, 40));

@@ -163,9 +163,9 @@ impl CsvWriter {
     }
 }
 
-/// Writes batches of complete lines, until the channel is closed or a write fails. The batches
-/// replace the content of the file if `replaces_content`. Otherwise, the file is standard output,
-/// and batches after its reader has closed it are dropped.
+/// Writes batches of complete lines until the channel is closed or a write fails. If
+/// `replaces_content` is set, the batches replace the content of the file. Otherwise, the file is
+/// standard output, and batches are dropped once its reader has closed it.
 fn write_batches(
     mut file: File,
     batches: &Receiver<String>,

@@ -32,8 +32,8 @@ const MAX_RECORD_BYTES: usize = 1 << 27;
 const MAX_MESSAGE_BYTES: usize = 1 << 16;
 const BUFFER_BYTES: usize = 1 << 16;
 const MAGIC_BYTES: u64 = 8;
-/// Maximum ratio of the declared sizes of a chunk, uncompressed to compressed. Messages of a
-/// recorder stay far below it.
+/// Maximum ratio of the declared uncompressed size of a chunk to its compressed size. Chunks from
+/// real recorders stay far below it.
 const MAX_CHUNK_RATIO: u64 = 1000;
 /// Length of the type and length fields at the start of a record, bytes.
 const RECORD_HEADER_BYTES: usize = 9;

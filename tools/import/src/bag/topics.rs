@@ -337,7 +337,7 @@ impl<'a> Topics<'a> {
         Ok(Some(single(topic)))
     }
 
-    /// Returns the complete inertial sensors. `read` is the topic that is read.
+    /// Returns the inertial sensors with both rate and force. `read` is the selected topic.
     pub(super) fn sensors(&self, read: Option<&Topic>, uses_log_times: bool) -> Vec<Sensor> {
         let counts =
             self.counts.iter().filter(|(topic, counts)| topic.kind.role() == Role::Rows && counts.is_complete());
@@ -356,7 +356,8 @@ impl<'a> Topics<'a> {
         sensors.collect()
     }
 
-    /// Returns the magnetometers or the receivers. `read` is the topic that is read.
+    /// Returns the sensors with the given role, a magnetometer or receiver. `read` is the selected
+    /// topic.
     pub(super) fn other_sensors(&self, option: &str, role: Role, read: Option<&Topic>) -> Vec<Sensor> {
         let counts = self.counts.iter().filter(|(topic, counts)| topic.kind.role() == role && counts.samples > 0);
         let sensors = counts.enumerate().map(|(number, (topic, counts))| {

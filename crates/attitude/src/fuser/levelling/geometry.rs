@@ -22,7 +22,7 @@ pub(super) fn forward(attitude: Attitude) -> Complex<f64> {
     if size > 1e-3 { axis / size } else { Complex::new(0.0, 0.0) }
 }
 
-/// Returns the acceleration (V H', V') of a vehicle that moves where its nose points, in the level
+/// Returns the acceleration (V H', V') of a vehicle that moves in the direction of its nose, level
 /// frame, m/s². V is its speed and H' its turn rate.
 pub(super) fn vehicle_acceleration_m_s2(
     attitude: Attitude,

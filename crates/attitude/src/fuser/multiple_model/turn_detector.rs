@@ -60,7 +60,7 @@ const SLOPE_SD_S2: f64 = 104.0;
 /// Time constant with which the estimated slope is forgotten, s. The slope is forgotten because a
 /// vehicle's speed changes.
 const SLOPE_TIME_CONSTANT_S: f64 = 30.0;
-/// Smallest standard deviation of the squared mean force over g².
+/// Minimum assumed standard deviation of a measured f̄²/g².
 const MIN_NOISE_SD: f64 = 0.003;
 /// Averaging time of the squared residuals, s.
 const NOISE_MEMORY_S: f64 = 10.0;

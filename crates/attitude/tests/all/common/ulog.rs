@@ -5,7 +5,7 @@
 
 use attitude::Vector3;
 
-/// Name of the topic with the samples of gyro and accelerometer.
+/// Name of the topic with the gyro and accelerometer samples.
 ///
 /// Its samples start with timestamp (u64, µs), gyro_rad (3 × f32), two fields of 4 bytes and
 /// accelerometer_m_s2 (3 × f32).
