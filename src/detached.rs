@@ -1,4 +1,4 @@
-//! Systems in the background: `plumb up --detach`, `plumb down` and `plumb logs`.
+//! Background systems: `plumb up --detach`, `plumb down` and `plumb logs`.
 
 use std::{
     env,
@@ -33,7 +33,7 @@ const POLL_INTERVAL: Duration = Duration::from_millis(50);
 /// Maximum number of lines of the log that are shown when a start fails.
 const SHOWN_LINES: usize = 20;
 
-/// Error of starting, stopping or reading a system in the background.
+/// Failure to start, stop or read the log of a background system.
 #[derive(Debug, thiserror::Error)]
 pub(crate) enum DetachedError {
     #[error(transparent)]

@@ -1,4 +1,4 @@
-//! Error and time of the Rust libraries for attitude on one recording.
+//! Error and update time of Rust attitude libraries on one recording.
 //!
 //! Command: `cargo bench -p kernels --bench libraries [-- ROUNDS]`.
 //!

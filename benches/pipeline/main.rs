@@ -70,7 +70,7 @@ struct Cli {
     /// Measure all variants in this many rounds
     #[arg(long, default_value_t = 5)]
     rounds: usize,
-    /// Measure another plumb executable, such as an earlier build, as well
+    /// Also measure another plumb executable, such as an earlier build
     #[arg(long, value_name = "PLUMB")]
     other: Option<OsString>,
     /// Print one JSON object on the last line of standard output

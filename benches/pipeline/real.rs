@@ -41,7 +41,7 @@ pub(crate) fn run(plumb: &OsStr, rate_hz: u32, seconds: f64) -> Result<Cost, Fai
     Ok(Cost { phases: Some(phases), ..cost })
 }
 
-/// Measures the CPU time of the start and of the ticks until `seconds` after `started`.
+/// Measures the CPU time of the start-up phase and of the ticks until `seconds` after `started`.
 ///
 /// The services have not ended by then, because the run lasts for `seconds` from its first tick.
 fn measure_phases(pid: u32, started: Instant, rate_hz: u32, seconds: f64) -> Phases {

@@ -1,4 +1,4 @@
-//! Systems in the background: `plumb up --detach`, `plumb logs` and `plumb down`.
+//! Background systems: `plumb up --detach`, `plumb logs` and `plumb down`.
 use std::{fs, os::unix::fs::PermissionsExt, process::Output};
 
 use crate::common::{System, plumb, wait_for};

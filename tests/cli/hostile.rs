@@ -9,7 +9,8 @@ use std::{
 
 use crate::common::{System, plumb};
 
-/// Title of the window, clear screen, reordered text, forged line. A file name can contain it.
+/// Hostile text that a file name can contain: window title, clear screen, reordered text, forged
+/// line.
 const HOSTILE: &str = "\x1b]0;owned\x07\x1b[2J\u{9b}2J\u{202e}\nFORGED: all is well";
 /// Hostile text without a line break, for a field of a line.
 const HOSTILE_FIELD: &str = "\x1b]0;owned\x07\x1b[2J\u{9b}2J\u{202e}\rFORGED";

@@ -164,7 +164,8 @@ impl Page {
         Some(Self { browser, number: browser.number() })
     }
 
-    /// Opens a URL and returns the response headers. The page renders about six frames per second.
+    /// Opens a URL in a page limited to about six frames per second, and returns the response
+    /// headers.
     pub(crate) fn goto(&mut self, url: &str, size: (u32, u32), scheme: &str, webgl: bool) -> Value {
         self.show(url, size, scheme, webgl, true)
     }

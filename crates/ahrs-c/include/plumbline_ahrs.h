@@ -482,7 +482,7 @@ typedef struct PlumblineAttitude {
    */
   double innovation_rad;
   /*
-   Rotation of the newest jump of the attitude, w x y z, body axes of the frame.
+   Newest jump of the attitude as a rotation, w x y z, body axes of the frame.
    */
   double jump[4];
   /*

@@ -41,7 +41,7 @@ pub struct PlumblineAttitude {
     pub gyro_bias_rad_s: [f64; 3],
     /// Angle between the up directions of accelerometer and attitude, rad.
     pub innovation_rad: f64,
-    /// Rotation of the newest jump of the attitude, w x y z, body axes of the frame.
+    /// Newest jump of the attitude as a rotation, w x y z, body axes of the frame.
     pub jump: [f64; 4],
     /// Number of jumps of the attitude or the heading since the first alignment.
     pub reset_counter: u64,

@@ -121,8 +121,8 @@ impl Attitude {
         self.0.reset_counter()
     }
 
-    /// Rotation of the newest jump of the attitude, w x y z, body axes: from the expected to the
-    /// new attitude.
+    /// Newest jump of the attitude: the rotation from the expected to the new attitude, w x y z,
+    /// body axes.
     #[getter]
     fn jump(&self) -> (f64, f64, f64, f64) {
         self.0.jump().into()

@@ -1,4 +1,4 @@
-//! Continues after a restart from the state that an earlier process has saved.
+//! Continues after a restart from the state saved by an earlier process.
 use plumbline_ahrs::Ahrs;
 
 fn main() -> Result<(), plumbline_ahrs::SnapshotError> {

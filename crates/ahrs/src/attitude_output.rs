@@ -156,8 +156,8 @@ impl Attitude {
         self.reset_counter
     }
 
-    /// Returns the rotation of the newest jump of the attitude, w x y z, body axes: the rotation
-    /// from the expected to the new attitude.
+    /// Returns the newest jump of the attitude: the rotation from the expected to the new attitude,
+    /// w x y z, body axes.
     pub fn jump(&self) -> [f64; 4] {
         self.jump
     }

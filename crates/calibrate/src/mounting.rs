@@ -155,8 +155,8 @@ impl MountingCalibrator {
     }
 }
 
-/// Returns the first pose that forms a pair with an earlier one, as the nose-down pose, and the
-/// last of these earlier ones, as the level pose.
+/// Finds the first pose that forms a pair with an earlier one. Returns it as the nose-down pose,
+/// and the last matching earlier pose as the level pose.
 fn find_poses(held: &[&Rest], is_pair: fn(&Rest, &Rest) -> bool) -> Option<Poses> {
     held.iter().enumerate().find_map(|(index, nose_down)| {
         let level = held[..index].iter().rev().find(|level| is_pair(level, nose_down))?;

@@ -259,7 +259,7 @@ impl Lines {
         Some(())
     }
 
-    /// Converts a time to that of the device. Returns `None` if a counter is negative.
+    /// Converts a parsed time to a device time. Returns `None` if a counter is negative.
     fn device_time(&self, time: Option<Time>) -> Option<Option<DeviceTime>> {
         let Some(time) = time else { return Some(None) };
         // Times in a recording may be negative. They are stored as two's complement.

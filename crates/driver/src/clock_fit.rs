@@ -79,7 +79,7 @@ pub struct ClockFit {
     count: u64,
     points: VecDeque<Point>,
     last: Option<LastSample>,
-    /// Result for the last sample, on the host's clock.
+    /// Time assigned to the last sample, on the host's clock.
     t_ns: Option<i64>,
     health: ClockHealth,
 }

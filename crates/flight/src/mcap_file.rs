@@ -65,7 +65,7 @@ struct Chunk {
 }
 
 impl McapFile {
-    /// Starts a file. The index is kept in a file without a name in the folder of `path`.
+    /// Starts a file. The index is kept in an unnamed file in the folder of `path`.
     pub(crate) fn create(file: ChunkFile, path: &Path, library: &str) -> io::Result<Self> {
         let mut mcap = Self {
             file,
@@ -429,7 +429,7 @@ mod tests {
         true
     }
 
-    /// Variable that is set in the process that measures its memory.
+    /// Environment variable that is set in the process that measures its own memory.
     const MEASURES: &str = "PLUMBLINE_MEASURES_MEMORY";
 
     #[test]

@@ -1,4 +1,4 @@
-//! Records in a file without a name, which is removed when it is closed.
+//! Stores records in an unnamed file, which is removed when it is closed.
 
 use std::{
     fs::{self, File, OpenOptions},

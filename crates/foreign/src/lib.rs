@@ -129,7 +129,7 @@ impl PartialEq<&str> for ForeignText {
 mod tests {
     use super::*;
 
-    /// Title of the window, clear screen, forged line, C1 control sequence introducer.
+    /// Hostile text: window title, clear screen, forged line, C1 control sequence introducer.
     const HOSTILE: &str = "a\x1b]0;b\x07\x1b[2J\nforged\r\u{9b}2J";
 
     #[test]

@@ -95,7 +95,7 @@ impl FieldMonitor {
         self.samples_since_field = if has_field { 0 } else { self.samples_since_field + 1 };
     }
 
-    /// Returns the diagnosis of a magnetometer of which only one field arrived, although the body
+    /// Returns the diagnosis of a stuck magnetometer if its field never changed although the body
     /// has rotated.
     pub(crate) fn diagnose(&self, has_rotated: bool) -> Option<Diagnosis> {
         let is_dead = has_rotated && self.fields == 1 && self.samples_since_field >= MIN_STUCK_SAMPLES;

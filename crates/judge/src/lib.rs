@@ -51,7 +51,8 @@ const MIN_INITIAL_SAMPLES: u64 = 200;
 const SUFFICIENT_MOTION_S: f64 = 60.0;
 /// Time after which the check ends even without motion, s.
 const MAX_SPAN_S: f64 = 120.0;
-/// Number of samples after which the check ends, whatever their times: one minute at 8 kHz.
+/// Number of samples after which the check ends, regardless of their timestamps: one minute at 8
+/// kHz.
 const MAX_SAMPLES: u64 = 500_000;
 /// Largest magnitude of a component that is checked. Its square and the products of such squares
 /// stay finite.

@@ -17,7 +17,7 @@ use crate::{Host, KeysError, Party};
 pub const AUTHORITY_DAYS: u32 = 3650;
 /// Default validity of a certificate, days.
 pub const DEFAULT_DAYS: u32 = 365;
-/// Validity starts this long before the time of issue, for clocks that are behind.
+/// Time by which the start of the validity precedes the issue, for hosts with a slow clock.
 const BACKDATING: Duration = Duration::DAY;
 
 /// Certificate and its private key, as PEM.

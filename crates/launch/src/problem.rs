@@ -24,8 +24,8 @@ pub enum LaunchError {
     Problems(#[from] Problems),
 }
 
-/// All problems of a launch file in the order of its lines, displayed like those of rustc, without
-/// colour.
+/// All problems of a launch file, in line order. They are displayed in the style of rustc errors,
+/// without colour.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Problems {
     pub(crate) file_name: ForeignText,

@@ -5,7 +5,8 @@ pub const COUNTER_PERIODS_NS: [i64; 2] = [(1 << 32) * 1_000, (1 << 32) * 1_000_0
 /// Maximum step across the wrap of a counter of unknown period, ns.
 const MAX_WRAP_STEP_NS: i64 = 10_000_000_000;
 
-/// Returns the period of the counter if it has wrapped between `last_ns` and the earlier `t_ns`.
+/// Returns the period of the counter if it has wrapped between `last_ns` and the smaller value
+/// `t_ns`.
 ///
 /// `period_ns` is the period if it is known. Otherwise, a wrap of a 32-bit counter of µs or ms is
 /// recognised by its step.
@@ -24,8 +25,8 @@ pub fn wrap_ns(period_ns: Option<i64>, last_ns: i64, t_ns: i64) -> Option<i64> {
 const NARROW_PERIODS_NS: [i64; 5] =
     [(1 << 16) * 1_000_000, (1 << 24) * 1_000, (1 << 31) * 1_000, (1 << 31) * 1_000_000, 1 << 32];
 
-/// Returns the period of a narrow counter if it has wrapped between `last_ns` and the earlier
-/// `t_ns`: the step across the wrap is about the one before it, `interval_ns`.
+/// Returns the period of a narrow counter if it has wrapped between `last_ns` and the smaller value
+/// `t_ns`. The step across the wrap must be similar to the previous step, `interval_ns`.
 pub fn narrow_period_ns(interval_ns: i64, last_ns: i64, t_ns: i64) -> Option<i64> {
     NARROW_PERIODS_NS.into_iter().find(|period_ns| {
         let steps_ns = interval_ns.saturating_add(1) / 2..=interval_ns.saturating_mul(2);

@@ -83,7 +83,8 @@ named_values! {
 named_values! {
     /// Zero direction of a course or heading.
     CourseReference(u64) otherwise "arbitrary" {
-        /// Heading at the start. Gyro and accelerometer alone cannot observe north.
+        /// Direction of the initial heading, because gyro and accelerometer alone cannot observe
+        /// north.
         ARBITRARY = 0 "arbitrary",
         /// Magnetic north.
         MAGNETIC = 1 "magnetic",

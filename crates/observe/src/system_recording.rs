@@ -41,7 +41,7 @@ pub enum SystemRecordingError {
     Control(#[from] ControlError),
 }
 
-/// Recording of a running system in progress.
+/// Ongoing recording of a running system.
 #[derive(Debug)]
 pub struct SystemRecording {
     system: SystemName,

@@ -345,7 +345,7 @@ fn up_axis(force_m_s2: [f64; 3]) -> Option<&'static str> {
     axes.into_iter().zip(parts).find(|(_, part)| *part > 0.8 * length).map(|(axis, _)| axis)
 }
 
-/// Units of numeric lines, derived from the magnitude of gravity and the steps of the time.
+/// Units of numeric lines, derived from the magnitude of gravity and the time steps.
 struct Units {
     time: &'static str,
     force: &'static str,

@@ -1,4 +1,4 @@
-//! Readings of standard input for a run in one process, without the bus.
+//! Readings from standard input for a run in one process, without the bus.
 
 use std::{collections::VecDeque, time::Instant};
 

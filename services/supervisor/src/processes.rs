@@ -275,7 +275,7 @@ impl Process {
 }
 
 impl Kill {
-    /// Describes the state before the kill, and how long the process took to end if that was long.
+    /// Describes the state before the kill and, if the process was slow to end, how long it took.
     fn describe(&self) -> String {
         let Self { at, kernel_state } = self;
         let duration = at.elapsed();

@@ -372,7 +372,7 @@ impl System {
     }
 
     /// Creates a new bus of the same name after files of the old one were removed. `next_tick` is
-    /// the tick that is output next.
+    /// the next tick to be output.
     fn renew_bus(&mut self, next_tick: u64) -> Result<(), UpError> {
         self.processes.kill_all();
         // The old topics are closed first, because the new ones have the same names.

@@ -1,4 +1,4 @@
-//! Conversion of recordings of other systems into a Plumbline recording.
+//! Converts recordings from other systems into a Plumbline recording.
 
 use std::{
     fs,

@@ -198,7 +198,7 @@ fn is_nmea(start: &[u8]) -> bool {
     sentence.strip_prefix(b"$").is_some_and(|rest| rest.get(..5).is_some_and(is_name) && rest.get(5) == Some(&b','))
 }
 
-/// Returns `true` if a time of arrival is followed by the start of a MAVLink message.
+/// Returns `true` if an arrival time is followed by the start of a MAVLink message.
 fn is_tlog(start: &[u8]) -> bool {
     let stamp = start.first_chunk().map(|stamp| u64::from_be_bytes(*stamp));
     let has_magic = start.get(TLOG_STAMP_BYTES).is_some_and(|byte| MAVLINK_MAGIC.contains(byte));

@@ -75,9 +75,10 @@ pub(crate) struct SegmentFinder {
 enum Step {
     /// The sample belongs to the current segment.
     Current,
-    /// The sample goes back. The samples that follow decide whether a segment starts with it.
+    /// The sample is earlier than its predecessor. The following samples decide whether it starts a
+    /// new segment.
     Backward,
-    /// The samples that went back, of which this is the last, start a new segment.
+    /// The sample confirms a new segment, which starts with the first of the backward samples.
     NewSegment,
 }
 

@@ -361,7 +361,8 @@ fn run_trial(
 fn heading_offset_warning(offset_deg: f64, has_axes: bool) -> String {
     /// Largest magnetic declination away from the poles, degrees.
     const MAX_DECLINATION_DEG: f64 = 40.0;
-    /// Maximum distance from a multiple of 90° of an offset that exchanged axes cause, degrees.
+    /// Maximum deviation from a multiple of 90° for an offset that is attributed to exchanged axes,
+    /// degrees.
     const MAX_AXES_ERROR_DEG: f64 = 15.0;
     let from_axes_deg = offset_deg - (offset_deg / 90.0).round() * 90.0;
     let cause = if offset_deg.abs() < MAX_DECLINATION_DEG {

@@ -1,4 +1,4 @@
-//! Digest of all bits of attitudes, to compare processors and languages.
+//! Bitwise digest of attitudes, for comparing processors and languages.
 use plumbline_ahrs::Attitude;
 
 /// FNV-1a hash over 64-bit words.

@@ -42,7 +42,7 @@ use channel::{FieldChannel, VectorChannel, check_fix};
 
 /// Longest step between timestamps that counts as a gap, ns. A longer step is a leap of the clock.
 const MAX_GAP_NS: i64 = 10_000_000_000;
-/// Maximum magnitude of the first stamp, ns (285 years), so that time can run for years without
+/// Maximum magnitude of the first timestamp, ns (285 years), so that time can run for years without
 /// overflow.
 const MAX_START_NS: i64 = 9_000_000_000_000_000_000;
 /// Maximum number of consecutive backward timestamps that are rejected. After that, the sensor's

@@ -25,8 +25,8 @@ const MAX_BIAS_RAD_S: f64 = 0.191_986_218;
 /// Longest interval in which a large mean rate may be taken for a bias, s. A longer interval, such
 /// as one with a jump of the timestamps, does not show whether the body has rotated.
 const MAX_INTERVAL_S: f64 = 0.5;
-/// Largest change of force and field that counts as no change, as a fraction of the change that a
-/// real rotation would cause.
+/// Largest change of force and field that is consistent with rest, as a fraction of the change that
+/// a real rotation would cause.
 const MAX_CHANGE_FRACTION: f64 = 0.5;
 /// Minimum change of the magnetic field by which a real rotation is recognised, µT: several times
 /// the noise of a magnetometer.

@@ -152,8 +152,8 @@ fn aided_sd_with_sensor_parameters_is_consistent() {
     check("cruise-hard?gnss=never", &CRUISE_HARD, 0.2);
 }
 
-/// Here the gyro is configured as simulated, but the simulated receiver is better than configured.
-/// This must not make the reported standard deviations too small.
+/// Tests that the reported standard deviations are not too small if the gyro is configured as
+/// simulated and the simulated receiver is better than configured.
 #[test]
 fn aided_sd_with_gyro_parameters_is_not_too_small() {
     let [inclination, heading] = simulated("aided", "cruise", &CRUISE, 3);

@@ -198,8 +198,8 @@ impl Trial {
         SoloRun { name, at_swap, before, after: self.run(&mut fuser, swap..self.inputs.len()) }
     }
 
-    /// Returns by how much the errors with a swap exceed those of the fusers alone: from the swap
-    /// on, and over the whole trial.
+    /// Returns the excess of the errors with a swap over those of the fusers alone: after the swap,
+    /// and over the whole trial.
     fn excess(&self, swap: usize, first: &SoloRun, second: &SoloRun) -> [Errors; 2] {
         let mut fuser = Fuser::from_name(second.name).unwrap();
         fuser.adopt(&first.at_swap.common()).unwrap();
@@ -265,7 +265,7 @@ fn swap_error_stays_within_margins_of_solo_runs() {
     assert_eq!(excessive, Vec::<String>::new());
 }
 
-/// Returns attitudes that are upright, on the side in either chart, and upside down.
+/// Returns upright attitudes, attitudes tilted to the side in either chart, and inverted attitudes.
 fn attitudes() -> impl Iterator<Item = Attitude> {
     let tilts_rad = [0.1, 1.4, 1.7, 3.0_f64];
     tilts_rad.into_iter().zip([0.0, 2.0, -1.0, 3.1]).flat_map(|(tilt_rad, heading_rad)| {

@@ -1,4 +1,4 @@
-//! Steps of the attitude that are not motion of the body, on recordings. Within a tick, the
+//! Tests on recordings for steps of the attitude that the body has not made. Within a tick, the
 //! rotation measured by the gyro may be corrected only by a small step or by an announced one.
 //!
 //! Input: log of a multicopter (PX4), trials of BROAD, an aerobatic flight.

@@ -484,7 +484,7 @@ fn claim_keeps_files_of_longer_names() {
     assert!(there);
 }
 
-/// Permanent files of a system, of which one must exist for each kind.
+/// Returns the permanent files of a system. Asserts that there is at least one of each kind.
 fn permanent_files(system_name: &SystemName) -> Vec<PathBuf> {
     let folder = PathBuf::from("/dev/shm").join(format!("plumbline.{}", system_name.name())).join("services");
     let all = system_files(system_name).into_iter().map(|name| PathBuf::from("/dev/shm").join(name));

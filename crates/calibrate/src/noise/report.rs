@@ -96,7 +96,8 @@ pub struct AllanPoint {
     pub tau_s: f64,
     /// Allan deviation.
     pub deviation: f64,
-    /// Ends of its confidence interval; `None` if the interval is not part of the fit.
+    /// Ends of the confidence interval of the deviation; `None` if the interval is not part of the
+    /// fit.
     pub interval: Option<[f64; 2]>,
     /// Allan deviation of the fitted model; `None` if the interval is not part of the fit.
     pub model: Option<f64>,

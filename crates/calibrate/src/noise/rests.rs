@@ -40,7 +40,7 @@ struct Limits {
     step: (f64, f64),
     /// Maximum difference of the mean from that of the first block of a rest.
     turn: f64,
-    /// Largest mean that can be a bias; infinite for the accelerometer.
+    /// Largest mean at rest that is attributed to a bias; infinite for the accelerometer.
     mean: f64,
 }
 

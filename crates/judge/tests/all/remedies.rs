@@ -1,4 +1,4 @@
-//! Remedies: each line to paste removes the issue that it is printed for.
+//! Remedies: each suggested line removes the issue for which it is printed.
 
 use std::{collections::BTreeSet, fmt::Write as _, fs};
 

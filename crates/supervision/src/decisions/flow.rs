@@ -178,7 +178,7 @@ impl Supervision {
         self.actions.push(Action::Finish(failure));
     }
 
-    /// Returns the tick that is output next.
+    /// Returns the next tick to be output.
     pub fn next_tick(&self) -> u64 {
         self.local_next_tick().unwrap_or(self.output.next_tick)
     }

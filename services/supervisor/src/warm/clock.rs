@@ -1,4 +1,4 @@
-//! Timestamps of a state file and their age.
+//! Timestamps in state files, and the age of a file.
 //!
 //! Wall-clock time is read only here, and only to determine the weight of an earlier run's bias.
 

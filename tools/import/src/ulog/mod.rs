@@ -105,7 +105,8 @@ impl Log {
         Ok((all, status))
     }
 
-    /// Returns the number of the sensor to read among `numbers`: the requested one, or `None`.
+    /// Returns the number of the requested sensor, or `None` if no sensor is requested. Fails if
+    /// the number is not in `numbers`.
     fn requested(
         &self,
         requested: Option<usize>,

@@ -84,7 +84,7 @@ fn unknown_column_reports_similar_and_available_names() {
     );
 }
 
-/// The import reports a mistake in the names of a recording as the reader of recordings does.
+/// Tests that the import reports a wrong column name in a recording like the recording reader.
 #[test]
 fn misspelt_recording_column_reported_with_suggestion() {
     let folder = Folder::new();

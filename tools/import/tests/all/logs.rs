@@ -19,7 +19,7 @@ fn times_ms(imported: &Imported) -> Vec<i64> {
     imported.rows.iter().map(|row| row.t_ns / MS).collect()
 }
 
-/// Returns a MAVLink message of version 1 or 2 after its time of arrival.
+/// Returns a MAVLink message of version 1 or 2, preceded by its arrival time.
 fn tlog_record(arrival_us: u64, version: u8, message: u32, payload: &[u8]) -> Vec<u8> {
     let length = u8::try_from(payload.len()).unwrap();
     let id = message.to_le_bytes();
@@ -74,7 +74,7 @@ fn telemetry_logs_of_both_versions_are_read() {
     }
 }
 
-/// Returns ATTITUDE and ATTITUDE_QUATERNION of a body with this roll, pitch and yaw, rad.
+/// Returns ATTITUDE and ATTITUDE_QUATERNION messages for a body with this roll, pitch and yaw, rad.
 fn attitude_messages(t_ms: u32, [roll, pitch, yaw]: [f32; 3]) -> [Vec<u8>; 2] {
     let bytes = |numbers: &[f32]| -> Vec<u8> {
         t_ms.to_le_bytes().into_iter().chain(numbers.iter().flat_map(|number| number.to_le_bytes())).collect()

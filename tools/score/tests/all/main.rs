@@ -1,4 +1,4 @@
-//! Scores of the program, compared with those of the stages without the program.
+//! Compares the scores of the program with those of the bare stages.
 #![allow(clippy::unwrap_used, reason = "a test may panic")]
 
 mod bare_chain;

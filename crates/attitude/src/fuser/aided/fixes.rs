@@ -53,7 +53,7 @@ impl Aided {
         }
     }
 
-    /// Updates the filter with a fix: with the velocity and, with a small weight, with the track.
+    /// Updates the filter with the velocity of a fix and, with a small weight, with its track.
     ///
     /// The measured velocity is that of the antenna at the time of measurement, v + R (ω × r). Here
     /// v is the velocity of the sensors, R the rotation from body to reference axes, ω the body

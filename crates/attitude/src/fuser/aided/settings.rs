@@ -40,7 +40,7 @@ settings! {
         antenna_forward_m: 0.0 in -100.0 .. 100.0, "m";
         /// Distance from the sensors to the receiver's antenna, positive upward.
         antenna_up_m: 0.0 in -100.0 .. 100.0, "m";
-        /// Speed above which the track gives the course. Lower it for slow vehicles and light wind.
+        /// Speed above which the track sets the course. Lower it for slow vehicles and light wind.
         track_speed_m_s: 3.0 in 0.2 .. 100.0, "m/s";
         /// Expected wind, which makes the course differ from the track over ground.
         wind_m_s: 6.0 in 0.1 .. 100.0, "m/s";

@@ -626,7 +626,7 @@ impl GyroErrorFilter {
     }
 
     /// Returns the correction at standstill, where the force reveals the entire error of the loop,
-    /// whatever its cause.
+    /// regardless of its cause.
     ///
     /// The correction matches the loop's velocity to its current tilt, so that the tilt settles
     /// within T2. Sensitivities to earlier errors are adjusted accordingly.

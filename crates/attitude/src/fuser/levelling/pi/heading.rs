@@ -16,7 +16,8 @@ use core::f64::consts::PI;
 const SIGNIFICANT_ACCELERATION_M_S2: f64 = 1.0;
 /// Largest azimuth error inferred from one increment, rad.
 const MAX_AZIMUTH_ERROR_RAD: f64 = 0.3;
-/// Duration of accelerated motion after which turns have determined the course, s.
+/// Duration of accelerated motion after which turns are considered to have determined the azimuth,
+/// s.
 const FULL_TURNING_S: f64 = 40.0;
 /// Typical wind across the track, m/s.
 const TYPICAL_CROSSWIND_M_S: f64 = 6.0;

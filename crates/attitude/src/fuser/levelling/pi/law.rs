@@ -31,11 +31,11 @@ const STANDSTILL_BIAS_SD_RAD_S: f64 = 0.01 * PI / 180.0;
 const BIAS_RANDOM_WALK_RAD_S: f64 = 0.0005 * PI / 180.0;
 /// Time constant with which the bias follows the mean rate at standstill, s.
 const STANDSTILL_BIAS_TIME_CONSTANT_S: f64 = 5.0;
-/// Constant part of the limit on the difference between the velocity increments measured by the
-/// force and by the fixes, m/s. The limit bounds the effect of an outlier.
+/// Limit on the mismatch between the velocity increments from the force and from the fixes:
+/// constant part, m/s. The limit bounds the effect of an outlier.
 const MAX_UNEXPLAINED_M_S: f64 = 0.5;
-/// Growth of the limit on the difference between the velocity increments measured by the force and
-/// by the fixes, per second of the increments' duration, m/s².
+/// Limit on the mismatch between the velocity increments: part proportional to their duration,
+/// m/s².
 const MAX_UNEXPLAINED_M_S2: f64 = 2.0;
 
 impl LevellingPi {
