@@ -233,6 +233,12 @@ impl Page {
         assert_eq!(result["found"], json!([]), "{view}: below a contrast ratio of 4.5");
     }
 
+    /// Asserts that no text is cut off or covers another one.
+    pub(crate) fn assert_laid_out(&mut self, view: &str) {
+        self.wait_for_redraw();
+        assert_eq!(self.request(&json!({ "do": "layout" })), json!([]), "{view}");
+    }
+
     /// Returns one of Chromium's performance metrics for the page.
     pub(crate) fn metric(&mut self, name: &str) -> f64 {
         self.request(&json!({ "do": "metrics" }))[name].as_f64().unwrap()
