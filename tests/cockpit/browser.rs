@@ -153,7 +153,14 @@ impl Page {
     /// Opens a URL at the full frame rate.
     pub(crate) fn open_at_full_rate(url: &str) -> Option<Self> {
         let mut page = Self::new()?;
-        page.show(url, (1280, 720), "light", true, false);
+        page.show(url, (1280, 720), "light", true, false, &[]);
+        Some(page)
+    }
+
+    /// Opens a URL. The first request for each of the given files fails.
+    pub(crate) fn open_with_lost_files(url: &str, files: &[&str]) -> Option<Self> {
+        let mut page = Self::new()?;
+        page.show(url, (1280, 720), "light", true, true, files);
         Some(page)
     }
 
@@ -166,12 +173,19 @@ impl Page {
 
     /// Opens a URL and returns the response headers. The page renders about six frames per second.
     pub(crate) fn goto(&mut self, url: &str, size: (u32, u32), scheme: &str, webgl: bool) -> Value {
-        self.show(url, size, scheme, webgl, true)
+        self.show(url, size, scheme, webgl, true, &[])
     }
 
-    fn show(&mut self, url: &str, (width, height): (u32, u32), scheme: &str, webgl: bool, low_rate: bool) -> Value {
-        let options =
-            json!({ "width": width, "height": height, "scheme": scheme, "webgl": webgl, "low_rate": low_rate });
+    fn show(
+        &mut self,
+        url: &str,
+        (width, height): (u32, u32),
+        scheme: &str,
+        webgl: bool,
+        low_rate: bool,
+        lost_files: &[&str],
+    ) -> Value {
+        let options = json!({ "width": width, "height": height, "scheme": scheme, "webgl": webgl, "low_rate": low_rate, "lost_files": lost_files });
         self.request(&json!({ "do": "open", "url": url, "options": options }))
     }
 

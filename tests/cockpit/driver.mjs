@@ -28,7 +28,7 @@ let browser;
 const pages = new Map();
 
 const verbs = {
-  async open(own, { url, options: { width, height, scheme, webgl, low_rate } }) {
+  async open(own, { url, options: { width, height, scheme, webgl, low_rate, lost_files } }) {
     await own.context?.close();
     const settings = { viewport: { width, height }, colorScheme: scheme, ignoreHTTPSErrors: true, permissions: ["clipboard-read", "clipboard-write"] };
     own.context = await (await (browser ??= startBrowser())).newContext(settings);
@@ -66,6 +66,8 @@ const verbs = {
       const own = HTMLCanvasElement.prototype.getContext;
       HTMLCanvasElement.prototype.getContext = function (kind, ...more) { return kind === "webgl2" ? null : own.call(this, kind, ...more); };
     });
+    // The first request for each of these files fails.
+    for (const file of lost_files) await page.route(`**/${file}`, (route) => route.abort("connectionreset"), { times: 1 });
     const response = await page.goto(url);
     return response.headers();
   },
@@ -73,7 +75,9 @@ const verbs = {
   // waitForFunction is forbidden by the page's content security policy.
   async until({ page, errors, failed }, { code }) {
     for (const end = Date.now() + 60_000; Date.now() < end; await page.waitForTimeout(50)) {
-      if (await page.evaluate(code)) return null;
+      // A page that is loading again has no condition to check yet.
+      const holds = await page.evaluate(code).catch((error) => { if (!String(error).includes("context was destroyed")) throw error; });
+      if (holds) return null;
     }
     const state = await page.evaluate("document.getElementById('state')?.textContent");
     throw new Error(`condition not met within 60 s: ${code}; state ${state}, errors ${JSON.stringify(errors)}, failed requests ${JSON.stringify(failed)}`);

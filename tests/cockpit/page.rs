@@ -541,6 +541,20 @@ fn views_have_addresses_and_fit_small_screens() {
 }
 
 #[test]
+fn page_recovers_from_files_that_do_not_arrive() {
+    let (system, port) = with_cockpit_for_browser("");
+    let running = start_all(&system, &[]);
+    let lost = ["calibration.js", "style.css", "schema.json"];
+    let Some(mut page) = Page::open_with_lost_files(&address(&system, port), &lost) else { return };
+    page.until("globalThis.plumb?.state().kind === 'live' && plumb.drawn()?.quaternion");
+    assert_eq!(page.text("getComputedStyle(document.body).display"), "flex", "the page has no style");
+    let errors = page.errors();
+    assert!(errors.iter().all(|error| error.contains("ERR_CONNECTION_RESET")), "{errors:?}");
+    running.interrupt();
+    running.wait().assert_complete();
+}
+
+#[test]
 fn body_and_signals_are_selected_and_remembered() {
     let (system, port) = with_cockpit_for_browser("");
     let running = start_all(&system, &[]);

@@ -284,6 +284,17 @@ function frame(now) {
   if (frameCosts.length > 600) frameCosts.shift();
 }
 
+/** Returns the schema of the messages. After a failure it is requested again, as the socket is. */
+async function fetchSchema() {
+  for (;;) {
+    try {
+      return await (await fetch("/schema.json")).json();
+    } catch {
+      await new Promise((resolve) => setTimeout(resolve, RECONNECT_MS));
+    }
+  }
+}
+
 async function start() {
   const dark = matchMedia("(prefers-color-scheme: dark)");
   const followSystem = () => setTheme(dark.matches ? "dark" : "light");
@@ -303,7 +314,7 @@ async function start() {
   get("help").addEventListener("click", showKeys);
   input("position").addEventListener("input", () => seek(Number(input("position").value)));
   document.addEventListener("keydown", onKey);
-  const schema = await (await fetch("/schema.json")).json();
+  const schema = await fetchSchema();
   wire = new Wire(schema);
   data.flags = schema.flags;
   data.parameters = schema.parameters;
