@@ -224,7 +224,7 @@ function findLayoutFaults() {
     range.selectNodeContents(walker.currentNode);
     const box = range.getBoundingClientRect();
     check(text, box, limitsOf(at));
-    const group = at.closest(".labels, .strip-legends");
+    const group = at.closest(".strip-legends") ?? at.closest(".labels, .note")?.parentElement;
     if (group) groups.set(group, [...(groups.get(group) ?? []), [text, box]]);
   }
   groups.forEach(checkPairs);

@@ -58,7 +58,7 @@ fn recording_seeks_to_known_second() {
         page.eval(
             "(() => {
                 const start = plumb.data.frames[0].t, event = { kind: 'FLAG', text: '', fault: true, reported_s: 0, number: -1, service: '', stage: '', tick: 0 };
-                plumb.data.events.push({ ...event, label: 'long', t: start + 1, until: start + 2 }, { ...event, label: 'short', t: start + 1.99, until: start + 1.99 });
+                plumb.data.events.push({ ...event, label: 'long', t: start + 1, until: start + 2 }, { ...event, label: 'short', t: start + 1.5, until: start + 1.5 });
             })()",
         );
         page.until("['long', 'short'].every((label) => plumb.timeline().some((event) => event.label === label))");

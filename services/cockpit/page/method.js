@@ -67,7 +67,7 @@ export class Method {
     for (const [line, alpha, width] of GRID) scene.line(line, tint("quiet", alpha), width);
     const pole = inverted ? 1 : -1;
     scene.point([0, 0, pole], tint("fault"), 4);
-    scene.label([0, 0, pole * 1.3], inverted ? "pole: zenith" : "pole: nadir", "c-fault");
+    scene.label([0, 0, pole * 1.2], inverted ? "pole: zenith" : "pole: nadir", "c-fault");
     // Near this pole, the label of the up vector is in its place.
     if (!now.fused || now.fused[2] * -pole < 0.8) scene.label([0, 0, -pole * 1.12], inverted ? "upside down, w = 0" : "level, w = 0", "c-quiet");
     scene.label([1.3, 0, 0], "right", "c-x");
