@@ -67,7 +67,7 @@ pub(crate) fn run(DoctorCommand { system, fix, duration }: DoctorCommand) -> Exi
                 Some(run) => Check::warning(
                     "system",
                     format!("{name:?} is not running; {run}"),
-                    "start it again; the messages of plumbline.service are in `journalctl -u plumbline`",
+                    "start it again; its messages are in `plumb logs` after `plumb up --detach`, in `journalctl -u plumbline` after a start by systemd",
                 ),
                 None => Check::ok("system", format!("{name:?} is not running")),
             },

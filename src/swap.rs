@@ -173,10 +173,10 @@ pub(crate) fn ps(system: SystemArgs) -> ExitCode {
                 // Only services without a stage have an address.
                 let address = address.as_ref().map(ToString::to_string);
                 let stage = stage.as_ref().map(ToString::to_string).or(address).unwrap_or_else(|| "-".into());
-                format!("{service:<8}{stage:<20} {state:<10}{pid:>8}{restarts:>9}{epoch:>6}{ticks:>11}{lost:>6}")
+                format!("{service:<8}{stage:<22} {state:<10}{pid:>8}{restarts:>9}{epoch:>6}{ticks:>10}{lost:>6}")
             };
             let head = format!(
-                "{:<8}{:<20} {:<10}{:>8}{:>9}{:>6}{:>11}{:>6}",
+                "{:<8}{:<22} {:<10}{:>8}{:>9}{:>6}{:>10}{:>6}",
                 "service", "stage or address", "state", "pid", "restarts", "epoch", "ticks", "lost"
             );
             print(&[vec![head], services.iter().map(line).collect()].concat().join("\n"))

@@ -82,7 +82,7 @@ pub(crate) struct Calibrate {
     duration: Option<Duration>,
     #[command(flatten)]
     system: LocalSystemArgs,
-    /// Launch file to update; also the default of --launch
+    /// Launch file to change or create; also read if there is no --launch
     #[arg(long, value_name = "FILE")]
     write: Option<PathBuf>,
     /// SVG file for the Allan deviations of noise
@@ -292,7 +292,13 @@ fn collect(args: Calibrate) -> Result<Outcome, CalibrateError> {
         let kind = target.kind().ok_or(CalibrateError::LiveNoise)?;
         return Ok(Outcome::Errors(live::calibrate_system(kind, known, &system.name()?, duration)?));
     };
-    let launch = system.selection.launch.launch.or(write).map(|file| Launch::read(&file)).transpose()?;
+    let launch = system
+        .selection
+        .launch
+        .launch
+        .or(write.filter(|file| file.exists()))
+        .map(|file| Launch::read(&file))
+        .transpose()?;
     if let Some(launch) = &launch {
         apply_calibrations(&mut known, launch)?;
     }

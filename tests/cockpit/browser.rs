@@ -153,7 +153,14 @@ impl Page {
     /// Opens a URL at the full frame rate.
     pub(crate) fn open_at_full_rate(url: &str) -> Option<Self> {
         let mut page = Self::new()?;
-        page.show(url, (1280, 720), "light", true, false);
+        page.show(url, (1280, 720), "light", true, false, &[]);
+        Some(page)
+    }
+
+    /// Opens a URL. The first request for each of the given files fails.
+    pub(crate) fn open_with_lost_files(url: &str, files: &[&str]) -> Option<Self> {
+        let mut page = Self::new()?;
+        page.show(url, (1280, 720), "light", true, true, files);
         Some(page)
     }
 
@@ -167,12 +174,19 @@ impl Page {
     /// Opens a URL in a page limited to about six frames per second, and returns the response
     /// headers.
     pub(crate) fn goto(&mut self, url: &str, size: (u32, u32), scheme: &str, webgl: bool) -> Value {
-        self.show(url, size, scheme, webgl, true)
+        self.show(url, size, scheme, webgl, true, &[])
     }
 
-    fn show(&mut self, url: &str, (width, height): (u32, u32), scheme: &str, webgl: bool, low_rate: bool) -> Value {
-        let options =
-            json!({ "width": width, "height": height, "scheme": scheme, "webgl": webgl, "low_rate": low_rate });
+    fn show(
+        &mut self,
+        url: &str,
+        (width, height): (u32, u32),
+        scheme: &str,
+        webgl: bool,
+        low_rate: bool,
+        lost_files: &[&str],
+    ) -> Value {
+        let options = json!({ "width": width, "height": height, "scheme": scheme, "webgl": webgl, "low_rate": low_rate, "lost_files": lost_files });
         self.request(&json!({ "do": "open", "url": url, "options": options }))
     }
 
@@ -232,6 +246,12 @@ impl Page {
         let result = self.request(&json!({ "do": "contrast" }));
         assert!(result["checked"].as_u64().unwrap() > 20, "{view}: {result}");
         assert_eq!(result["found"], json!([]), "{view}: below a contrast ratio of 4.5");
+    }
+
+    /// Asserts that no text is cut off or covers another one.
+    pub(crate) fn assert_laid_out(&mut self, view: &str) {
+        self.wait_for_redraw();
+        assert_eq!(self.request(&json!({ "do": "layout" })), json!([]), "{view}");
     }
 
     /// Returns one of Chromium's performance metrics for the page.

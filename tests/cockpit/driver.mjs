@@ -28,7 +28,7 @@ let browser;
 const pages = new Map();
 
 const verbs = {
-  async open(own, { url, options: { width, height, scheme, webgl, low_rate } }) {
+  async open(own, { url, options: { width, height, scheme, webgl, low_rate, lost_files } }) {
     await own.context?.close();
     const settings = { viewport: { width, height }, colorScheme: scheme, ignoreHTTPSErrors: true, permissions: ["clipboard-read", "clipboard-write"] };
     own.context = await (await (browser ??= startBrowser())).newContext(settings);
@@ -46,9 +46,15 @@ const verbs = {
     await page.addInitScript(() => {
       globalThis.written = [];
       const own = CanvasRenderingContext2D.prototype.fillText;
-      CanvasRenderingContext2D.prototype.fillText = function (text, ...more) {
-        if (globalThis.written.length < 2000) globalThis.written.push({ canvas: this.canvas, text, style: this.fillStyle });
-        own.call(this, text, ...more);
+      CanvasRenderingContext2D.prototype.fillText = function (text, x, y) {
+        if (globalThis.written.length < 2000) {
+          const { actualBoundingBoxLeft: left, actualBoundingBoxRight: right, actualBoundingBoxAscent: ascent, actualBoundingBoxDescent: descent } = this.measureText(text);
+          const corners = [[-left, -ascent], [right, -ascent], [-left, descent], [right, descent]].map(([dx, dy]) => this.getTransform().transformPoint({ x: x + dx, y: y + dy }));
+          const [xs, ys] = ["x", "y"].map((axis) => corners.map((corner) => corner[axis]));
+          const box = { left: Math.min(...xs), right: Math.max(...xs), top: Math.min(...ys), bottom: Math.max(...ys) };
+          globalThis.written.push({ canvas: this.canvas, text, style: this.fillStyle, box, frame: globalThis.plumb?.frames() });
+        }
+        own.call(this, text, x, y);
       };
     });
     // Without a graphics card, rendering takes most of the CPU. Six frames per second suffice.
@@ -60,6 +66,8 @@ const verbs = {
       const own = HTMLCanvasElement.prototype.getContext;
       HTMLCanvasElement.prototype.getContext = function (kind, ...more) { return kind === "webgl2" ? null : own.call(this, kind, ...more); };
     });
+    // The first request for each of these files fails.
+    for (const file of lost_files) await page.route(`**/${file}`, (route) => route.abort("connectionreset"), { times: 1 });
     const response = await page.goto(url);
     return response.headers();
   },
@@ -67,7 +75,9 @@ const verbs = {
   // waitForFunction is forbidden by the page's content security policy.
   async until({ page, errors, failed }, { code }) {
     for (const end = Date.now() + 60_000; Date.now() < end; await page.waitForTimeout(50)) {
-      if (await page.evaluate(code)) return null;
+      // A page that is loading again has no condition to check yet.
+      const holds = await page.evaluate(code).catch((error) => { if (!String(error).includes("context was destroyed")) throw error; });
+      if (holds) return null;
     }
     const state = await page.evaluate("document.getElementById('state')?.textContent");
     throw new Error(`condition not met within 60 s: ${code}; state ${state}, errors ${JSON.stringify(errors)}, failed requests ${JSON.stringify(failed)}`);
@@ -90,6 +100,8 @@ const verbs = {
   },
   /** Returns the texts whose contrast ratio to their background is below 4.5 (WCAG 2.2, 1.4.3). */
   async contrast({ page }) { return page.evaluate(findLowContrast); },
+  /** Returns the texts that are cut off or that cover each other. */
+  async layout({ page }) { return page.evaluate(findLayoutFaults); },
   /** Returns Chromium's metrics of the page's thread since the first call, such as script time, s. */
   async metrics(own) {
     if (!own.metricsSession) {
@@ -177,6 +189,59 @@ function findLowContrast() {
     under.forEach((one) => check(`${text}, on a canvas`, parts(style), one.slice(0, 3), canvas));
   }
   return { checked, found: [...new Set(found)] };
+}
+
+/** Runs in the page. Checks its visible texts and those that its canvases show. */
+function findLayoutFaults() {
+  const found = [];
+  const tolerance_px = 1.5;
+  const check = (what, box, limits) => {
+    for (const [side, sign] of [["left", -1], ["right", 1], ["top", -1], ["bottom", 1]]) {
+      if (sign * (box[side] - (limits[side] ?? sign * Infinity)) > tolerance_px) found.push(`${what}: cut off, ${side}`);
+    }
+  };
+  const cover = (a, b) => Math.min(a.right, b.right) - Math.max(a.left, b.left) > tolerance_px && Math.min(a.bottom, b.bottom) - Math.max(a.top, b.top) > tolerance_px;
+  const checkPairs = (texts) => texts.forEach(([text, box], at) => texts.slice(0, at).forEach(([other, under]) => { if (cover(box, under)) found.push(`${text} covers ${other}`); }));
+  // The part of the page in which an element is visible, or can be scrolled into view without horizontal scrolling.
+  const limitsOf = (element) => {
+    const limits = { left: 0, right: document.documentElement.clientWidth };
+    for (let at = element; at !== document.body; at = at.parentElement) {
+      const { overflowX, overflowY, textOverflow } = getComputedStyle(at), box = at.getBoundingClientRect();
+      if (at.className === "scrolls" || textOverflow === "ellipsis") return {};
+      if (overflowX !== "visible") { limits.left = Math.max(limits.left, box.left); limits.right = Math.min(limits.right, box.right); }
+      if (overflowY === "hidden") { limits.top = Math.max(limits.top ?? -Infinity, box.top); limits.bottom = Math.min(limits.bottom ?? Infinity, box.bottom); }
+      else if (overflowY !== "visible") { delete limits.top; delete limits.bottom; break; }
+    }
+    return limits;
+  };
+  const walker = document.createTreeWalker(document.body, NodeFilter.SHOW_TEXT);
+  const range = document.createRange();
+  /** Texts that must keep clear of each other, by their container. */
+  const groups = new Map();
+  while (walker.nextNode()) {
+    const at = walker.currentNode.parentElement, text = walker.currentNode.textContent.trim();
+    if (!text || !at.checkVisibility({ visibilityProperty: true }) || ["SCRIPT", "STYLE", "OPTION"].includes(at.tagName)) continue;
+    range.selectNodeContents(walker.currentNode);
+    const box = range.getBoundingClientRect();
+    check(text, box, limitsOf(at));
+    const group = at.closest(".strip-legends") ?? at.closest(".labels, .note")?.parentElement;
+    if (group) groups.set(group, [...(groups.get(group) ?? []), [text, box]]);
+  }
+  groups.forEach(checkPairs);
+  for (const entry of document.querySelectorAll(".strip-legends button:not([hidden])")) {
+    const next = entry.nextElementSibling;
+    if (next?.matches("button:not([hidden])") && next.getBoundingClientRect().left - entry.getBoundingClientRect().right < 3 && parseFloat(getComputedStyle(entry).paddingRight) < 3) found.push(`${entry.textContent}: no space before ${next.textContent}`);
+  }
+  const shown = globalThis.written.filter(({ canvas }) => canvas.isConnected);
+  const last = Math.max(...shown.map(({ frame }) => frame));
+  const onCanvas = new Map();
+  for (const { canvas, text, box, frame } of shown) {
+    if (frame !== last || !text) continue;
+    check(`${text}, on a canvas`, box, { left: 0, top: 0, right: canvas.width, bottom: canvas.height });
+    onCanvas.set(canvas, [...(onCanvas.get(canvas) ?? []), [text, box]]);
+  }
+  onCanvas.forEach(checkPairs);
+  return [...new Set(found)];
 }
 
 // Requests run concurrently, so that pages do not wait for each other.

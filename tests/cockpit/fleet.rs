@@ -32,6 +32,7 @@ fn all_vehicles_are_listed_and_selected_one_is_shown() {
     let Some(mut page) = Page::open(&view.address) else { return };
     page.until("plumb.view() === 'fleet' && plumb.drawn()?.vehicles?.length === 2");
     page.until("plumb.drawn().vehicles.every(({ old, quaternion, stage, lost_ticks }) => !old && quaternion && stage === 'multiple-model' && lost_ticks === 0)");
+    page.assert_laid_out("fleet");
     page.shot("fleet-1280.png");
     page.click("[data-vehicle=drone]");
     page.until("plumb.view() === 'fly' && plumb.state().kind === 'live' && document.getElementById('system').textContent === 'drone'");

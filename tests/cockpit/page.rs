@@ -504,6 +504,10 @@ fn views_have_addresses_and_fit_small_screens() {
     let names = page.eval("[...document.querySelectorAll('.services tbody tr')].map((row) => row.dataset.service)");
     assert_eq!(names.as_array().unwrap()[..5], ["ingest", "gyro", "accel", "fuser", "course"]);
     page.until("!document.getElementById('shadow').disabled");
+    page.eval("document.getElementById('stage').value = 'vqf'");
+    page.click("#shadow");
+    page.click("#yes");
+    page.until("plumb.data.shown().picture.differences.length");
     let bottom = page.number("document.getElementById('cancel').getBoundingClientRect().bottom");
     let top = page.number("document.getElementById('timeline').getBoundingClientRect().top");
     assert!(bottom < top, "the swap controls end at {bottom} px, below the view, which ends at {top} px");
@@ -515,7 +519,7 @@ fn views_have_addresses_and_fit_small_screens() {
         for view in ["fly", "method", "sensors", "system"] {
             page.goto(&format!("http://127.0.0.1:{port}/?{}#{token}/{view}", size.0), size, "dark", true);
             page.until(&format!("plumb.view() === '{view}' && plumb.state().kind === 'live' && plumb.drawn()"));
-            page.wait_for_redraw();
+            page.assert_laid_out(&format!("{view} at {size:?}"));
             page.shot(&format!("{view}-{}.png", size.0));
             let width = page.number("document.documentElement.scrollWidth");
             assert!(width <= f64::from(size.0), "{view}: {width} px at {size:?}");
@@ -533,6 +537,20 @@ fn views_have_addresses_and_fit_small_screens() {
         }
     }
     page.assert_clean();
+    running.interrupt();
+    running.wait().assert_complete();
+}
+
+#[test]
+fn page_recovers_from_files_that_do_not_arrive() {
+    let (system, port) = with_cockpit_for_browser("");
+    let running = start_all(&system, &[]);
+    let lost = ["calibration.js", "style.css", "schema.json"];
+    let Some(mut page) = Page::open_with_lost_files(&address(&system, port), &lost) else { return };
+    page.until("globalThis.plumb?.state().kind === 'live' && plumb.drawn()?.quaternion");
+    assert_eq!(page.text("getComputedStyle(document.body).display"), "flex", "the page has no style");
+    let errors = page.errors();
+    assert!(errors.iter().all(|error| error.contains("ERR_CONNECTION_RESET")), "{errors:?}");
     running.interrupt();
     running.wait().assert_complete();
 }

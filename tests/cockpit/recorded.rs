@@ -49,6 +49,27 @@ fn recording_seeks_to_known_second() {
         let drawn: Vec<f64> = serde_json::from_value(page.eval("plumb.drawn().quaternion")).unwrap();
         assert_eq!(drawn, row(&out, tick)[1..5], "tick {tick}");
         page.shot("recording.png");
+        for (key, view) in [("1", "fly"), ("2", "method"), ("3", "sensors"), ("4", "system"), ("1", "fly")] {
+            page.key(key);
+            page.until(&format!("plumb.view() === '{view}'"));
+            page.assert_laid_out(view);
+        }
+        // The label of an event keeps clear of the bar of an earlier one that has not yet ended.
+        page.eval(
+            "(() => {
+                const start = plumb.data.frames[0].t, event = { kind: 'FLAG', text: '', fault: true, reported_s: 0, number: -1, service: '', stage: '', tick: 0 };
+                plumb.data.events.push({ ...event, label: 'long', t: start + 1, until: start + 2 }, { ...event, label: 'short', t: start + 1.5, until: start + 1.5 });
+            })()",
+        );
+        page.until("['long', 'short'].every((label) => plumb.timeline().some((event) => event.label === label))");
+        let events = page.eval("plumb.timeline().filter(({ row, text }) => row === 1 && text)");
+        for (at, event) in events.as_array().unwrap().iter().enumerate() {
+            let [from, to] = [&event["text"][0], &event["text"][1]].map(|px| px.as_f64().unwrap());
+            for (other, bar) in events.as_array().unwrap().iter().enumerate().filter(|(other, _)| *other != at) {
+                let [start, end] = [&bar["x"], &bar["until_x"]].map(|px| px.as_f64().unwrap());
+                assert!(to < start || from > end, "{at} covers {other}: {events}");
+            }
+        }
         // Steps with the keyboard, then plays to the end.
         page.key("ArrowRight");
         page.until(&format!("plumb.data.position === {}", place.round() + 1.0));

@@ -49,7 +49,7 @@ pub enum EditError {
 
 /// Replaces the sections of `block`, which is TOML, in a launch file. All other text is kept.
 ///
-/// The file is replaced atomically. A symbolic link remains.
+/// The file is replaced atomically, and created if it does not exist. A symbolic link remains.
 ///
 /// # Errors
 ///
@@ -57,6 +57,11 @@ pub enum EditError {
 pub fn write_sections(path: &Path, block: &str) -> Result<(), EditError> {
     let file_error = |cause| EditError::File { path: path.into(), cause };
     let syntax_error = |cause: TomlError| EditError::Syntax { path: path.into(), cause: cause.to_string().into() };
+    // Created with the permissions of the user's new files.
+    match fs::File::create_new(path) {
+        Err(cause) if cause.kind() != io::ErrorKind::AlreadyExists => return Err(file_error(cause)),
+        Ok(_) | Err(_) => {}
+    }
     let target = fs::canonicalize(path).map_err(file_error)?;
     let text = fs::read_to_string(&target).map_err(file_error)?;
     let mut document: DocumentMut = text.parse().map_err(syntax_error)?;
@@ -194,6 +199,14 @@ mod tests {
         assert!(
             write_sections(Path::new("/nowhere/launch.toml"), GYRO).unwrap_err().to_string().contains("No such file")
         );
+    }
+
+    #[test]
+    fn missing_file_is_created_with_sections() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("launch.toml");
+        write_sections(&path, GYRO).unwrap();
+        assert_eq!(fs::read_to_string(&path).unwrap(), GYRO);
     }
 
     #[test]

@@ -38,9 +38,10 @@ export class Calibration {
     parent.append(
       element("div", "actions", element("label", "", "calibration ", this.kind), this.start, this.cancel, this.bar, this.progress),
       this.message, this.sphere, this.report, element("div", "actions", this.copy, this.apply, this.applied));
-    this.scene = new Scene(this.sphere, 3.7);
+    this.scene = new Scene(this.sphere, 4.6);
     this.sendError = "";
     /** Key of the content shown last. */ this.shownKey = "";
+    /** Calibration shown last. */ this.shownWhat = "";
     /** Content shown, for tests. @type {Record<string, any>} */ this.drawn = {};
   }
 
@@ -71,6 +72,8 @@ export class Calibration {
     this.bar.value = calibration?.share ?? 0;
     this.sphere.hidden = !sectors.length;
     this.report.hidden = this.copy.hidden = this.apply.hidden = this.applied.hidden = !calibration?.report;
+    if (calibration && calibration.what !== this.shownWhat) this.kind.value = calibration.what;
+    this.shownWhat = calibration?.what ?? "";
     const key = JSON.stringify([calibration?.what, calibration?.share, calibration?.found, calibration?.missing, calibration?.report, error, this.kind.value]);
     if (key !== this.shownKey) {
       this.shownKey = key;

@@ -165,7 +165,7 @@ export class Data {
     // Outputs of a service that no longer publishes are not current.
     for (const name of EXPIRING_TOPICS) if (shown[name] && t - shown[name].header.t_end_ns * 1e-9 > MAX_OUTPUT_AGE_S) delete shown[name];
     const ups = Object.fromEntries(TRAILS.map((name) => [name, upOfPoint(shown[name])]));
-    const frame = { t, number: picture.number, picture: shown, values: valuesOf(picture), ups };
+    const frame = { t, number: picture.number, picture: shown, values: valuesOf({ ...picture, differences }), ups };
     this.frames.push(frame);
     return frame;
   }

@@ -50,7 +50,7 @@ export class Fleet {
     this.controls.hidden = all.length < 2;
     const count = (/** @type {(line: Message) => boolean} */ test) => all.filter(test).length;
     write(this.summary, all.length < 2 ? "" : `${all.length} vehicles: ${count((line) => !isOld(line))} current, ${count((line) => line.lives && isOld(line))} old, ${count((line) => !line.lives)} unreachable; ${count(hasLost)} with losses${wanted ? `; ${vehicles.length} shown` : ""}`);
-    write(this.note, standing.vehicles?.length ? "" : "This page shows one system. Run `plumb view --remote --connect ENDPOINT` to show all vehicles on the network.");
+    write(this.note, standing.vehicles?.length ? "" : standing.state === "STATE_UNCHOSEN" ? "No vehicle has been found yet. Systems with a gateway appear here; `--connect` of `plumb view` names their endpoints." : "This page shows one system. Run `plumb view --remote --connect ENDPOINT` to show all vehicles on the network.");
     this.drawn = { vehicles: [], summary: this.summary.textContent };
     for (const line of vehicles) this.fillRow(this.row(line.vehicle), line);
   }

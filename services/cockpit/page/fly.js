@@ -14,9 +14,12 @@ import { Strips, axisLines, line, signed } from "./strips.js";
 const AXES = /** @type {[string, Vec][]} */ ([["x", [1, 0, 0]], ["y", [0, 1, 0]], ["z", [0, 0, 1]]]);
 const RING = [...Array(65).keys()].map((i) => /** @type {Vec} */ ([1.3 * Math.cos((i * Math.PI) / 32), 1.3 * Math.sin((i * Math.PI) / 32), 0]));
 /** Space for the bank scale around the horizon, px. */
-const BANK_PX = 30;
+const BANK_PX = 32;
 /** Bank angles that the scale marks, and the two with a number, °. */
 const BANK_DEG = [10, 20, 30, 45, 60], NUMBERED_BANK_DEG = [30, 60];
+
+/** Distance from a mark of the rose to the middle of its text, px. */
+const ROSE_TEXT_PX = 15;
 
 export class Fly {
   /** @param {HTMLElement} parent @param {Data} data */
@@ -48,7 +51,7 @@ export class Fly {
     const deg = 1 / DEGREE;
     this.strips = new Strips(strips, data, "fly", [
       { title: "angles", unit: "°", scale: deg, digits: 1, least: -180, most: 180, wraps: true, lines: [line("yaw_rad", "yaw", "axis-z"), line("pitch_rad", "pitch", "axis-x"), line("roll_rad", "roll", "axis-y")] },
-      { title: "rate", unit: "°/s", scale: deg, digits: 1, lines: axisLines("rate", "rad_s") },
+      { title: "rate", unit: "°/s", scale: deg, digits: 1, optional: true, lines: axisLines("rate", "rad_s") },
       { title: "error, sd", unit: "°", scale: deg, digits: 2, least: 0, most: 180, robust: true, lines: [line("error_rad", "error", "fault"), line("inclination_sd_rad", "inclination sd", "fused", "dashed"), line("difference_rad", "shadow", "shadow")] },
     ]);
     /** Content shown, for tests. @type {Record<string, any>} */ this.drawn = {};
@@ -115,7 +118,7 @@ export class Fly {
     if (!prepared) return;
     const [context, width, height] = prepared;
     // The bank scale is above the disc.
-    const r = Math.min(width / 2 - BANK_PX, (height - BANK_PX - 6) / 2), [x, y] = [width / 2, BANK_PX + r];
+    const r = Math.min(width / 2 - BANK_PX, (height - BANK_PX - 6) / 2), [x, y] = [width / 2, (height + BANK_PX - 6) / 2];
     context.save();
     context.beginPath(); context.arc(x, y, r, 0, 7); context.clip();
     context.fillStyle = colour("panel");
@@ -157,7 +160,7 @@ export class Fly {
     for (const mark of [0, ...BANK_DEG, ...BANK_DEG.map((mark) => -mark)]) {
       const numbered = NUMBERED_BANK_DEG.includes(Math.abs(mark));
       strokeLine(context, ...at(mark * DEGREE, r + 2), ...at(mark * DEGREE, r + (numbered || !mark ? 10 : 6)));
-      if (numbered && r > 50) context.fillText(String(Math.abs(mark)), ...at(mark * DEGREE, r + 19));
+      if (numbered && r > 50) context.fillText(String(Math.abs(mark)), ...at(mark * DEGREE, r + 22));
     }
     this.drawn.bank = { marks_deg: BANK_DEG, pointer_deg: roll === null ? null : -roll / DEGREE };
     if (roll === null) return;
@@ -185,14 +188,14 @@ export class Fly {
       const [s, c] = [Math.sin(angle), -Math.cos(angle)];
       const long = mark % 30 === 0;
       context.strokeStyle = context.fillStyle = colour(mark === 0 && !arbitrary ? "fault" : "ink");
-      const inner = r * (long ? 0.9 : 0.95);
+      const inner = r * (long ? 0.9 : 0.95), middle = inner - ROSE_TEXT_PX;
       strokeLine(context, x + r * s, y + r * c, x + inner * s, y + inner * c);
       // A small rose has room for the main directions only.
-      if (mark % 90 === 0 || (long && r > 80)) context.fillText(!arbitrary && mark % 90 === 0 ? "NESW"[mark / 90] : String(mark), x + 0.78 * r * s, y + 0.78 * r * c);
+      if (mark % 90 === 0 || (long && r > 80)) context.fillText(!arbitrary && mark % 90 === 0 ? "NESW"[mark / 90] : String(mark), x + middle * s, y + middle * c);
     }
     context.fillStyle = colour("fused");
     context.beginPath(); context.moveTo(x, y - r * 1.02); context.lineTo(x - 7, y - r * 1.02 - 11); context.lineTo(x + 7, y - r * 1.02 - 11); context.fill();
-    context.font = "600 20px system-ui";
+    context.font = `600 ${Math.min(20, 0.24 * r)}px system-ui`;
     context.fillText(`${degrees(course)}°`, x, y - 8);
     context.font = "13px system-ui";
     context.fillStyle = colour("quiet");

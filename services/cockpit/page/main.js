@@ -181,10 +181,12 @@ function drawBar(now) {
   get("state").className = `state-${state.kind}`;
   const frame = data.shown();
   set("time", frame ? data.timeText(frame.t) : "–");
-  set("rate", standing.rate_hz ? `${standing.rate_hz.toFixed(0)} Hz` : "–");
   const latency = standing.latency_us;
   set("latency", latency ? `p50 ${duration(latency.p50)}  p99 ${duration(latency.p99)}` : "–");
   const course = (standing.services ?? []).find((service) => service.status?.service === "course");
+  // A remote vehicle may not send its samples.
+  const rate_hz = standing.rate_hz || course?.rate_hz;
+  set("rate", rate_hz ? `${rate_hz.toFixed(0)} Hz` : "–");
   set("lost", course ? String(course.status.lost) : "–");
   // A recording has neither latencies nor lost ticks.
   get("latency-field").hidden = get("lost-field").hidden = data.recording.length > 0;
@@ -203,6 +205,7 @@ function drawBar(now) {
   // The fleet view marks stale rows itself.
   get("view").classList.toggle("stale", viewName !== "fleet" && (state.kind === "stale" || state.kind === "connecting" || state.kind === "ended"));
   get("tab-fleet").hidden = !hasFleet();
+  document.body.classList.toggle("unchosen", standing.state === "STATE_UNCHOSEN");
   set("pause", data.paused ? (data.recording.length ? "Play" : "Resume") : "Pause");
   set("play", data.paused ? "Play" : "Pause");
   if (data.recording.length && frame) set("position-time", `${(frame.t - standing.t_first_ns * 1e-9).toFixed(2)} of ${((standing.t_last_ns - standing.t_first_ns) * 1e-9).toFixed(2)} s`);
@@ -281,6 +284,17 @@ function frame(now) {
   if (frameCosts.length > 600) frameCosts.shift();
 }
 
+/** Returns the schema of the messages. After a failure it is requested again, as the socket is. */
+async function fetchSchema() {
+  for (;;) {
+    try {
+      return await (await fetch("/schema.json")).json();
+    } catch {
+      await new Promise((resolve) => setTimeout(resolve, RECONNECT_MS));
+    }
+  }
+}
+
 async function start() {
   const dark = matchMedia("(prefers-color-scheme: dark)");
   const followSystem = () => setTheme(dark.matches ? "dark" : "light");
@@ -300,7 +314,7 @@ async function start() {
   get("help").addEventListener("click", showKeys);
   input("position").addEventListener("input", () => seek(Number(input("position").value)));
   document.addEventListener("keydown", onKey);
-  const schema = await (await fetch("/schema.json")).json();
+  const schema = await fetchSchema();
   wire = new Wire(schema);
   data.flags = schema.flags;
   data.parameters = schema.parameters;

@@ -10,7 +10,7 @@ import { Strips, axisLines, line, signed } from "./strips.js";
 /** @typedef {import("./attitude.js").Vec} Vec */
 
 /** Minimum distance between two labels of the plane, px. */
-const MIN_LABEL_PX = 42;
+const MIN_LABEL_PX = 56;
 /** Maximum number of frames in a trail. */
 const TRAIL_FRAMES = 300;
 /** Parallels and meridians, each with opacity and width. @type {[Vec[], number, number][]} */
@@ -35,7 +35,7 @@ export class Method {
     sphere.append(this.note);
     const deg = 1 / DEGREE;
     this.strips = new Strips(strips, data, "method", [
-      ...["u", "v"].map((part) => ({ title: part, unit: "–", scale: 1, digits: 3, lines: [line(`${part}_accel`, "accelerometer", "accel", "dots"), line(`${part}_gyro`, "gyro", "gyro"), line(part, "fused", "fused")] })),
+      ...["u", "v"].map((part) => ({ title: part, unit: "", scale: 1, digits: 3, lines: [line(`${part}_accel`, "accel", "accel", "dots"), line(`${part}_gyro`, "gyro", "gyro"), line(part, "fused", "fused")] })),
       { title: "z", unit: "°", scale: deg, digits: 1, least: -180, most: 180, wraps: true, lines: [line("z_gyro_rad", "gyro", "gyro"), line("z_rad", "fused", "fused")] },
       { title: "innovation", unit: "°", scale: deg, digits: 2, least: 0, most: 180, robust: true, lines: [line("innovation_rad", "accelerometer − fused", "accel")] },
       { title: "std. dev.", unit: "°", scale: deg, digits: 2, least: 0, most: 180, robust: true, lines: [line("inclination_sd_rad", "inclination", "fused"), line("course_sd_rad", "course", "axis-z", "dashed")] },
@@ -67,7 +67,7 @@ export class Method {
     for (const [line, alpha, width] of GRID) scene.line(line, tint("quiet", alpha), width);
     const pole = inverted ? 1 : -1;
     scene.point([0, 0, pole], tint("fault"), 4);
-    scene.label([0, 0, pole * 1.14], inverted ? "pole: zenith" : "pole: nadir", "c-fault");
+    scene.label([0, 0, pole * 1.2], inverted ? "pole: zenith" : "pole: nadir", "c-fault");
     // Near this pole, the label of the up vector is in its place.
     if (!now.fused || now.fused[2] * -pole < 0.8) scene.label([0, 0, -pole * 1.12], inverted ? "upside down, w = 0" : "level, w = 0", "c-quiet");
     scene.label([1.3, 0, 0], "right", "c-x");
@@ -119,8 +119,9 @@ export class Method {
       context.globalAlpha = 1;
       if (!number || number % every) continue;
       const text = mark.toFixed(2).replace("-", "−");
-      context.fillText(text, x + 2, height / 2 - 3);
-      if (y > 36) context.fillText(text, width / 2 + 4, y - 3);
+      // A text at the edge would be cut off.
+      if (x < width - MIN_LABEL_PX) context.fillText(text, x + 2, height / 2 - 3);
+      if (y > 36 && y < height - 20) context.fillText(text, width / 2 + 4, y - 3);
     }
     context.strokeStyle = colour("quiet");
     strokeLine(context, 0, height / 2, width, height / 2);
@@ -150,8 +151,10 @@ export class Method {
       context.fillStyle = context.strokeStyle = colour(name);
       context.lineWidth = 2;
       context.beginPath(); context.arc(x, y, size, 0, 7);
+      context.setLineDash(name === "ink" ? [4, 3] : []);
       if (name === "gyro" || name === "ink") context.stroke(); else context.fill();
     }
+    context.setLineDash([]);
     const w = now.fused ? project(now.fused) : null;
     context.fillStyle = colour("ink");
     context.fillText(w ? `w = ${signed(w[0], 4)} ${signed(w[1], 4)} j, ${inverted ? "inverted" : "upright"} chart` : "w = –", 8, height - 8);

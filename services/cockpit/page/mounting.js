@@ -36,7 +36,6 @@ export class Mounting {
 
   draw() {
     const frame = this.data.frames.at(-1);
-    this.button.disabled = this.data.recording.length > 0;
     const up = upOfPoint(frame?.picture.accel), gyro = upOfPoint(frame?.picture.gyro);
     if (frame && up && this.step && this.step !== "done" && this.data.state(performance.now()).kind === "live") this.update(frame, up, gyro);
     this.drawn = { step: this.step, verdict: this.verdict, correct: this.correct };

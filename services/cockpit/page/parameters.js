@@ -41,7 +41,7 @@ export class Parameters {
     });
     this.rows.replaceChildren(...all.map(([name, unit, standard, least, most, meaning], at) => element("tr", "",
       element("td", "", name, element("div", "c-quiet", meaning)), element("td", "", this.fields[at].field), element("td", "", unit),
-      ...[Number.isNaN(standard) ? "–" : String(standard), Number.isNaN(least) ? "–" : `${least} to ${most}`].map((text) => element("td", "number", text)))));
+      ...[Number.isNaN(standard) ? "–" : String(standard), Number.isNaN(least) ? "–" : `${least} to ${most}`.replace("-", "−")].map((text) => element("td", "number", text)))));
   }
 
   /** Returns the parameters whose values differ from their defaults, or the reason why a field has no value. @returns {Setting[] | string} */

@@ -32,6 +32,9 @@ void main() { if (dot(disc, disc) > 1.0) discard; colour = vec4(tint.rgb * tint.
 /** Number of floats per vertex: a, b, side, width, colour. */
 const FLOATS = 12;
 
+/** Assumed width of a letter and height of a label, px. */
+const LETTER_PX = 7.5, LABEL_PX = 17;
+
 export class Scene {
   /** @param {HTMLElement} panel @param {number} distance Distance of the camera from the centre @param {number} [centre] Height of the centre of the picture above the origin @param {number} [focal] Focal length of the camera, in half heights of the picture */
   constructor(panel, distance, centre = 0, focal = 2.4) {
@@ -209,11 +212,20 @@ export class Scene {
   placeLabels(camera, width, height) {
     const spans = /** @type {HTMLCollectionOf<HTMLElement>} */ (this.labelParent.children);
     while (spans.length < this.labels.length) this.labelParent.append(document.createElement("span"));
+    /** Places of the labels: their middle and half width, px. @type {Vec[]} */
+    const places = [];
     for (let i = 0; i < spans.length; i++) {
       const label = this.labels[i];
       spans[i].hidden = !label;
       if (!label) continue;
-      const [x, y] = project(camera, label.at, width, height);
+      let [x, y] = project(camera, label.at, width, height);
+      const half = (label.text.length * LETTER_PX) / 2;
+      // A label that would cover an earlier one is moved up or down, and one outside the picture to its edge.
+      x = clamp(x, half, width - half);
+      const covered = places.find(([px, py, other]) => Math.abs(px - x) < half + other && Math.abs(py - y) < LABEL_PX);
+      if (covered) y = covered[1] + (y < covered[1] ? -LABEL_PX : LABEL_PX);
+      y = clamp(y, LABEL_PX / 2, height - LABEL_PX / 2);
+      places.push([x, y, half]);
       write(spans[i], label.text);
       if (spans[i].className !== label.className) spans[i].className = label.className;
       spans[i].style.transform = `translate(${x.toFixed(1)}px, ${y.toFixed(1)}px) translate(-50%, -50%)`;
@@ -233,6 +245,9 @@ function cameraMatrix(azimuth, elevation, distance, aspect, centre, length) {
   [0, 0, -m * distance + n, distance].forEach((part, row) => columns.push(part - centre * columns[8 + row]));
   return columns;
 }
+
+/** @param {number} value @param {number} least @param {number} most */
+const clamp = (value, least, most) => Math.max(least, Math.min(most, value));
 
 /** Projects a point to pixels and depth. @param {number[]} m @param {Vec} p @param {number} width @param {number} height @returns {Vec} */
 function project(m, [x, y, z], width, height) {

@@ -24,12 +24,13 @@ export class Sensors {
     this.warnings = element("div", "");
     const strips = element("div", "panel tall");
     const [calibration, mounting] = [section("Calibration"), section("Mounting check")];
+    this.unit = element("div", "columns", calibration, mounting);
     parent.replaceChildren(
       element("div", "columns",
         section("Latest samples, body axes: right, forward, up", table("samples", COLUMNS, this.values), element("h3", "", "Flags of the latest sample"), this.flags),
         section("Input checks", this.warnings)),
       strips,
-      element("div", "columns", calibration, mounting));
+      this.unit);
     this.calibration = new Calibration(calibration, data, sendCommand);
     this.mounting = new Mounting(mounting, data);
     this.scene = this.calibration.scene;
@@ -67,12 +68,16 @@ export class Sensors {
     write(this.flags, flags.length ? flags.join(", ") : "none");
     const warnings = [...(this.data.standing.warnings ?? [])];
     for (const { status } of this.data.standing.services ?? []) for (const diagnostic of status?.troubles ?? []) warnings.push(`${status.service}: ${diagnostic.found}\n${diagnostic.remedy}`);
+    const isRecording = this.data.recording.length > 0;
+    this.unit.hidden = isRecording;
     this.calibration.draw();
     this.mounting.draw();
     this.drawn = { force_m_s2: force, rate_rad_s: rate, flags, warnings, calibration: this.calibration.drawn, mounting: this.mounting.drawn };
-    if (this.warnings.dataset.shown !== warnings.join("\n")) {
-      this.warnings.dataset.shown = warnings.join("\n");
-      this.warnings.replaceChildren(...(warnings.length ? warnings.map((text) => element("p", "warning", text)) : [element("p", "c-quiet", "No problems found. `plumb doctor` also checks the machine.")]));
+    const empty = isRecording ? "The input of a recording is not checked here. `plumb score` checks it." : "No problems found. `plumb doctor` also checks the machine.";
+    const shown = warnings.join("\n") || empty;
+    if (this.warnings.dataset.shown !== shown) {
+      this.warnings.dataset.shown = shown;
+      this.warnings.replaceChildren(...(warnings.length ? warnings.map((text) => element("p", "warning", text)) : [element("p", "c-quiet", empty)]));
     }
     this.strips.draw();
   }

@@ -15,8 +15,8 @@ const RESTART_MARK_MS = 3000;
 const UP_STATES = ["running", "ready", "finished"];
 /** Name and class of each column of the services. @type {[string, string][]} */
 const COLUMNS = [
-  ["service", ""], ["stage", ""], ["state", "word"], ["rate", "number"], ["p50", "number"], ["p99", "number"], ["max", "number detail"],
-  ["lost", "number"], ["restarts", "number"], ["CPU", "number"], ["memory", "number detail"],
+  ["service", ""], ["stage", ""], ["state", "word"], ["rate", "number detail"], ["p50", "number detail"], ["p99", "number"], ["max", "number detail"],
+  ["lost", "number"], ["restarts", "number"], ["CPU", "number detail"], ["memory", "number detail"],
 ];
 
 export class System {
@@ -29,7 +29,7 @@ export class System {
     this.slot = select("slot");
     this.stage = select("stage");
     this.outcome = statusLine("outcome");
-    this.difference = element("p", "number c-shadow");
+    this.difference = element("p", "c-shadow");
     this.events = element("tbody", "");
     this.emptyNote = element("p", "c-quiet", "No events yet.");
     this.buttons = [["swap", "Swap…", "KIND_SWAP"], ["shadow", "Shadow…", "KIND_SHADOW"], ["promote", "Promote shadow…", "PROMOTE"], ["cancel", "Cancel shadow…", "KIND_CANCEL"]].map(([id, text, kind]) => button(id, text, () => this.command(kind)));

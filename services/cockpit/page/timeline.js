@@ -38,7 +38,7 @@ export class Timeline {
     this.canvas.addEventListener("wheel", (event) => { event.preventDefault(); data.zoom(Math.exp(event.deltaY * 1e-3)); }, { passive: false });
     this.from = 0;
     this.to = 0;
-    /** Events shown, for tests. @type {{ label: string, kind: string, t: number, x: number }[]} */ this.drawn = [];
+    /** Events shown, with the extents of their marks and labels, px, for tests. @type {{ label: string, kind: string, t: number, x: number, row: number, until_x: number, text: [number, number] | null }[]} */ this.drawn = [];
   }
 
   /** Shows the controls of a view's strips. @param {import("./strips.js").Strips | null} strips @param {string} view */
@@ -107,19 +107,23 @@ export class Timeline {
     // Labels are placed from the newest to the oldest, right or left of their marks. One without room is left out.
     for (const row of [0, 1]) {
       const ofRow = marks.filter((mark) => mark.row === row).sort((a, b) => a.x - b.x);
-      let end = width;
+      let end = width, reach = LEFT - 4;
+      // A label also keeps clear of earlier bars that extend beyond its mark.
+      const reaches = ofRow.map(({ x, length }) => { const before = reach; reach = Math.max(reach, x + Math.max(length, 5)); return before; });
       for (let at = ofRow.length - 1; at >= 0; at--) {
-        const { event, y, x, length, style } = ofRow[at], before = ofRow[at - 1];
-        const from = x + Math.max(length, 5) + 4, textWidth = context.measureText(event.label).width, left = x - textWidth - 9;
+        const { event, y, x, length, style } = ofRow[at];
+        const from = Math.max(x + Math.max(length, 5), reaches[at]) + 4, textWidth = context.measureText(event.label).width, left = x - textWidth - 9;
+        /** @type {number | null} */ let start = null;
         context.fillStyle = style;
         if (from + textWidth + 6 <= end) {
-          context.fillText(event.label, from, y + 12);
+          start = from;
           end = x - 6;
-        } else if (x - 9 <= end && left > (before ? before.x + Math.max(before.length, 5) + 4 : LEFT)) {
-          context.fillText(event.label, left, y + 12);
+        } else if (x - 9 <= end && left > reaches[at] + 4) {
+          start = left;
           end = left - 6;
         } else end = Math.min(end, x - 6);
-        this.drawn.push({ label: event.label, kind: event.kind, t: event.t ?? 0, x });
+        if (start !== null) context.fillText(event.label, start, y + 12);
+        this.drawn.push({ label: event.label, kind: event.kind, t: event.t ?? 0, x, row, until_x: x + length, text: start === null ? null : [start, start + textWidth] });
       }
     }
     const at = data.shown()?.t;

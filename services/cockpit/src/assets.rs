@@ -22,7 +22,7 @@ macro_rules! page_files {
 
 /// Names and contents of the page's files, sorted by name.
 const FILES: &[(&str, &str)] = page_files! {
-    "attitude.js" "bodies.js" "calibration.js" "data.js" "fleet.js" "fly.js" "icon.svg" "index.html" "main.js" "method.js" "mounting.js" "parameters.js"
+    "attitude.js" "bodies.js" "calibration.js" "data.js" "fleet.js" "fly.js" "icon.svg" "index.html" "load.js" "main.js" "method.js" "mounting.js" "parameters.js"
     "scene.js" "sensors.js" "strips.js" "style.css" "system.js" "timeline.js" "ui.js" "wire.js"
 };
 

@@ -2,6 +2,9 @@
 //!
 //! The nodes define the messages themselves, so that names, hashes, encoding, attachments and
 //! liveliness tokens come from an independent implementation.
+#[path = "../../common/walk.rs"]
+mod walk;
+
 use std::{
     fs,
     io::{BufRead as _, BufReader, Read as _},
@@ -22,6 +25,7 @@ use hiroz::{
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
 use tempfile::TempDir;
+use walk::Walk;
 
 const DOMAIN: usize = 7;
 const GRAVITY_M_S2: f64 = 9.80665;
@@ -114,17 +118,20 @@ impl ZMessage for TfMessage {
 
 #[test]
 fn hiroz_node_receives_attitudes_of_output_file() {
+    let mut walk = Walk::start("integrator, attitudes in a ROS 2 node");
     let (ros, port) = router();
     let node = ros.create_node("listener").build().unwrap();
     let imus = node.create_sub::<Imu>("imu/data").build().unwrap();
     let transforms = node.create_sub::<TfMessage>("tf").build().unwrap();
     let fields = node.create_sub::<MagneticField>("imu/mag").build().unwrap();
     let system = System::start(port, "ingest.sim.scenario = \"s3\"");
+    walk.step("start a system");
     let mut bridge = system.bridge("ros", port, &["--frame-id", "body"]);
 
     let received: Vec<Imu> = (0..200).map(|_| imus.recv_timeout(TIMEOUT).unwrap()).collect();
     let transform = transforms.recv_timeout(TIMEOUT).unwrap();
     let field = fields.recv_timeout(TIMEOUT).unwrap();
+    walk.step("start the bridge, receive 200 messages, a transform and a field");
     let type_info = |topic| endpoint(&ros, EndpointKind::Publisher, topic).type_info;
     assert_eq!(type_info("/tf"), Some(TfMessage::type_info()));
     assert_eq!(type_info("/imu/mag"), Some(MagneticField::type_info()));
@@ -174,6 +181,7 @@ fn hiroz_node_receives_attitudes_of_output_file() {
 
 #[test]
 fn hiroz_node_feeds_readings_to_system() {
+    let mut walk = Walk::start("integrator, readings of a ROS 2 node");
     let (ros, port) = router();
     let node = ros.create_node("imu_driver").build().unwrap();
     let imus = node.create_pub::<Imu>("vehicle/imu").build().unwrap();
@@ -182,6 +190,7 @@ fn hiroz_node_feeds_readings_to_system() {
     wait_for("a subscription", || ros.graph().count(EndpointKind::Subscription, "/vehicle/imu") == 1);
     let subscription = endpoint(&ros, EndpointKind::Subscription, "/vehicle/imu");
     assert_eq!(subscription.type_info, Some(Imu::type_info()));
+    walk.step("start a system and the bridge");
 
     // The body leans to the right by 20° and rotates at 10 °/s about the vertical.
     let (lean, rate_rad_s) = (20f64.to_radians(), 10f64.to_radians());
@@ -209,6 +218,7 @@ fn hiroz_node_feeds_readings_to_system() {
             sent
         });
         wait_for("attitudes", || system.ticks() > 600);
+        walk.step("receive 600 readings");
         interrupt(&bridge);
         let output = bridge.wait_with_output().unwrap();
         stop.store(true, Ordering::Relaxed);
