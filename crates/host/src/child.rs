@@ -212,7 +212,8 @@ impl Child {
     /// Waits for a packet, the exit of the program or the end of the time. Returns `true` if the
     /// program has exited.
     fn wait_for_packet(&self, left: Duration) -> bool {
-        let mut fds = [&self.socket, self.exit.as_ref().unwrap_or(&self.socket)].map(|fd| PollFd::new(fd, PollFlags::IN));
+        let mut fds =
+            [&self.socket, self.exit.as_ref().unwrap_or(&self.socket)].map(|fd| PollFd::new(fd, PollFlags::IN));
         let count = if self.exit.is_some() { 2 } else { 1 };
         // Waiting can be interrupted by a signal to this process, which is handled elsewhere.
         let _ = poll(&mut fds[..count], Timespec::try_from(left).ok().as_ref());
