@@ -81,7 +81,7 @@ def main():
 
 class Soak:
     services_beside = ["gateway"]
-    sections = ""
+    keys, sections = "", ""
     up_options = []
 
     def __init__(self, options, folder, rng):
@@ -91,7 +91,7 @@ class Soak:
         launch = folder / "launch.toml"
         services = json.dumps(["ingest", *STAGES, *self.services_beside])
         launch.write_text(
-            f'name = "{self.name}"\nservices = {services}\n[restart]\nmin_uptime_s = 0\n{self.sections}'
+            f'name = "{self.name}"\nservices = {services}\n{self.keys}[restart]\nmin_uptime_s = 0\n{self.sections}'
         )
         self.log, self.report = folder / "log", folder / "report"
         command = [self.plumb, "up", "--launch", launch, "--json", *self.up_options]
@@ -248,12 +248,14 @@ class Everything(Soak):
     """Soak test with a real-time sensor and everything attached that can be."""
 
     services_beside = ["gateway", "cockpit"]
+    # The sensor does not wait while a busy machine restarts a service.
+    keys = "buffer_s = 10\nlateness_s = 8\n"
 
     def __init__(self, options, folder, rng):
         self.sensor = Sensor()
         self.flights, self.out = folder / "flights", folder / "attitude.csv"
         self.sections = (
-            f'[ingest]\nsource = "serial"\n[ingest.serial]\nport = "{self.sensor.port}"\nformat = "csv"\n'
+            f'silence_s = 2\n[ingest]\nsource = "serial"\n[ingest.serial]\nport = "{self.sensor.port}"\nformat = "csv"\n'
             f'rate_hz = {SENSOR_RATE_HZ}\nclock = "device"\n[cockpit]\nlisten = "127.0.0.1:0"\n'
         )
         self.up_options = ["--record", self.flights, "--out", self.out]

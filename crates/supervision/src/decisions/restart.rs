@@ -244,7 +244,7 @@ mod tests {
     use super::*;
     use crate::{Config, Event};
 
-    /// Live system whose fuser is a program.
+    /// Live system with an external stage in the slot fuser.
     fn supervision() -> Supervision {
         let text = "[fuser]\nstage = \"own\"\n[stages.own]\nslot = \"fuser\"\ncommand = [\"python3\", \"own.py\"]\n";
         let config = Config {
