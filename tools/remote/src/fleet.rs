@@ -128,11 +128,7 @@ fn update_liveliness(vehicles: &mut Vehicles, token: &RemoteMessage) {
     let Some(vehicle) = entry(vehicles, name) else { return };
     match rest.strip_prefix(keys::LIVELINESS).map(|service| service.trim_start_matches('/')) {
         Some("") => vehicle.is_alive = token.is_present,
-        Some(service) if token.is_present => {
-            if vehicle.services.len() < MAX_SERVICES {
-                vehicle.services.insert(service.into());
-            }
-        }
+        Some(service) if token.is_present => vehicle.add_service(service),
         Some(service) => drop(vehicle.services.remove(service)),
         None => {}
     }
@@ -156,6 +152,13 @@ fn record_message(
 }
 
 impl Vehicle {
+    /// Adds a service if there is room.
+    fn add_service(&mut self, service: &str) {
+        if self.services.len() < MAX_SERVICES {
+            self.services.insert(service.into());
+        }
+    }
+
     /// Counts a batch of messages of a topic and writes it to the topic's table if `tables` is
     /// given.
     fn record_batch<M: Payload>(
