@@ -1,7 +1,7 @@
 #!/usr/bin/env python3
 """Soak test: disturbs a running system by kills, freezes, swaps, shadows and frozen observers.
 
-    tests/soak.py [--seconds 1200] [--seed 1] [--pause 1.0] [--plumb target/release/plumb]
+    tests/soak.py [--seconds 1200] [--seed 1] [--pause 1.0] [--plumb target/release/plumb] [--everything]
 
 The exit code is 0 if no tick was lost or duplicated, no file was left behind and no resource use
 grew. Two checks detect growth. The first compares the medians of resident memory, descriptors,
@@ -11,18 +11,29 @@ half of the run. It prints the slope with its standard error and one of three ve
 grows by more than the bound, it does not grow, or the run is too short to decide. Slopes are judged
 only in runs of at least 20 minutes, because in its first minutes a process allocates memory that it
 keeps.
+
+With `--everything` the system reads a sensor on a pseudo-terminal, records its flight and writes
+its attitudes. Bridges, monitors, a second recording, calibrations and browsers are attached, and
+are killed and frozen, too. A replay of the flight must yield the same attitudes.
 """
 
 import argparse
+import base64
+import filecmp
+import itertools
 import json
+import math
 import os
 import random
 import signal
+import socket
 import statistics
 import subprocess
 import sys
 import tempfile
+import threading
 import time
+import tty
 from pathlib import Path
 
 STAGES = {
@@ -60,27 +71,39 @@ def main():
     arguments.add_argument("--seed", type=int, default=1)
     arguments.add_argument("--pause", type=float, default=1.0, help="Maximum pause between two disturbances, s")
     arguments.add_argument("--plumb", default=str(Path(__file__).parent.parent / "target/release/plumb"))
+    arguments.add_argument("--everything", action="store_true", help="Attach a sensor, recordings, bridges and browsers")
+    arguments.add_argument("--ros-router", metavar="ENDPOINT", help="Zenoh router for the ROS 2 bridge of --everything")
     options = arguments.parse_args()
     with tempfile.TemporaryDirectory() as folder:
-        return Soak(options.plumb, Path(folder), random.Random(options.seed), options.pause).run(options.seconds)
+        soak = Everything if options.everything else Soak
+        return soak(options, Path(folder), random.Random(options.seed)).run(options.seconds)
 
 
 class Soak:
-    def __init__(self, plumb, folder, rng, pause_s):
-        self.plumb, self.rng, self.pause_s, self.name = plumb, rng, pause_s, f"soak-{os.getpid()}"
+    services_beside = ["gateway"]
+    keys, sections = "", ""
+    up_options = []
+
+    def __init__(self, options, folder, rng):
+        self.plumb, self.rng, self.pause_s, self.name = options.plumb, rng, options.pause, f"soak-{os.getpid()}"
         self.observers, self.station, self.counts, self.samples, self.error = [], None, {}, [], ""
+        self.disturbances = [self.kill, self.freeze, self.swap, self.swap, self.shadow, self.freeze_observer]
         launch = folder / "launch.toml"
-        services = ["ingest", *STAGES, "gateway"]
-        launch.write_text(f'name = "{self.name}"\nservices = {json.dumps(services)}\n[restart]\nmin_uptime_s = 0\n')
+        services = json.dumps(["ingest", *STAGES, *self.services_beside])
+        launch.write_text(
+            f'name = "{self.name}"\nservices = {services}\n{self.keys}[restart]\nmin_uptime_s = 0\n{self.sections}'
+        )
         self.log, self.report = folder / "log", folder / "report"
+        command = [self.plumb, "up", "--launch", launch, "--json", *self.up_options]
+        environment = os.environ | {"XDG_STATE_HOME": str(folder)}
         with open(self.log, "wb") as log, open(self.report, "wb") as report:
-            self.system = subprocess.Popen([plumb, "up", "--launch", launch, "--json"], stdout=report, stderr=log)
+            self.system = subprocess.Popen(command, stdout=report, stderr=log, env=environment)
 
     def run(self, seconds):
         try:
             self.wait_for("the system to run", lambda: self.services() and all(s["state"] == "running" for s in self.services()))
-            self.wait_for("the gateway to listen", self.gateway)
-            command = [self.plumb, "station", "--connect", self.gateway()]
+            self.wait_for("the gateway to listen", lambda: self.address("gateway"))
+            command = [self.plumb, "station", "--connect", self.address("gateway")]
             self.station = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
             self.disturb(seconds)
         finally:
@@ -97,7 +120,7 @@ class Soak:
             if now >= next_sample:
                 next_sample = now + max(seconds / 200, 1)
                 self.samples.append(self.measure())
-            disturbance = self.rng.choice([self.kill, self.freeze, self.swap, self.swap, self.shadow, self.freeze_observer])
+            disturbance = self.rng.choice(self.disturbances)
             disturbance()
             self.counts[disturbance.__name__] = self.counts.get(disturbance.__name__, 0) + 1
             time.sleep(self.rng.uniform(0.3, 1.0) * self.pause_s)
@@ -196,8 +219,8 @@ class Soak:
             print(f"{name}: {'; '.join(verdicts)}")
         return grew
 
-    def gateway(self):
-        return next((s["address"] for s in self.services() if s["service"] == "gateway"), None)
+    def address(self, service):
+        return next((s["address"] for s in self.services() if s["service"] == service), None)
 
     def services(self):
         return (self.query("ps") or {}).get("services", [])
@@ -219,6 +242,139 @@ class Soak:
             if time.monotonic() > deadline:
                 sys.exit(f"timed out waiting for {what}\n{self.log.read_text()}")
             time.sleep(0.02)
+
+
+class Everything(Soak):
+    """Soak test with a real-time sensor and everything attached that can be."""
+
+    services_beside = ["gateway", "cockpit"]
+    # The sensor does not wait while a busy machine restarts a service.
+    keys = "buffer_s = 10\nlateness_s = 8\n"
+
+    def __init__(self, options, folder, rng):
+        self.sensor = Sensor()
+        self.flights, self.out = folder / "flights", folder / "attitude.csv"
+        self.sections = (
+            f'silence_s = 2\n[ingest]\nsource = "serial"\n[ingest.serial]\nport = "{self.sensor.port}"\nformat = "csv"\n'
+            f'rate_hz = {SENSOR_RATE_HZ}\nclock = "device"\n[cockpit]\nlisten = "127.0.0.1:0"\n'
+        )
+        self.up_options = ["--record", self.flights, "--out", self.out]
+        super().__init__(options, folder, rng)
+        self.disturbances = [self.kill, self.freeze, self.swap, self.swap, self.shadow, self.disturb_attached]
+        ports = itertools.count(1)
+        self.commands = [
+            lambda: ["top", "--lines", "--system", self.name],
+            lambda: ["bridge", "mavlink", "--to", "udpout:127.0.0.1:14999", "--system", self.name],
+            lambda: self.rng.choice(
+                [
+                    ["record", "-o", folder / f"part-{next(ports)}.mcap", "--for", "5s", "--system", self.name],
+                    ["calibrate", "gyro", "--live", "--for", "5s", "--system", self.name],
+                    ["topic", "echo", "attitude", "--json", "--system", self.name],
+                    ["view", "--listen", "127.0.0.1:18088", "--for", "5s", "--system", self.name],
+                ]
+            ),
+        ]
+        if options.ros_router:
+            self.commands.append(lambda: ["bridge", "ros", "--connect", options.ros_router, "--system", self.name])
+        self.attached, self.viewers = {}, []
+
+    def disturb(self, seconds):
+        port = int(self.address("cockpit").split("#")[0].rstrip("/").rsplit(":", 1)[1])
+        self.viewers = [Viewer(port, reads=reads) for reads in (True, True, False)]
+        # The first choices attach every command.
+        self.disturbances.append(self.disturb_attached)
+        super().disturb(seconds)
+        for process in self.attached.values():
+            process.kill()
+        self.sensor.stop()
+        # The last readings may still be on their way.
+        time.sleep(1)
+
+    def disturb_attached(self):
+        """Kills or freezes an attached program, and starts every one that does not run."""
+        for index, command in enumerate(self.commands):
+            process = self.attached.get(index)
+            if process is None or process.poll() is not None:
+                words = [self.plumb, *map(str, command())]
+                self.attached[index] = subprocess.Popen(words, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+        process = self.rng.choice(list(self.attached.values()))
+        process.send_signal(self.rng.choice([signal.SIGKILL, signal.SIGSTOP, signal.SIGCONT]))
+        if self.rng.random() < 0.2:
+            self.rng.choice(self.viewers).reconnect()
+
+    def evaluate(self, seconds):
+        code = super().evaluate(seconds)
+        (flight,) = self.flights.iterdir()
+        again = self.out.with_name("again.csv")
+        replay = [self.plumb, "up", "--replay", flight, "--speed", "max", "--out", again]
+        replay = subprocess.run(replay, cwd=self.flights, capture_output=True, text=True, check=False)
+        same = replay.returncode == 0 and filecmp.cmp(self.out, again, shallow=False)
+        with open(self.out, encoding="ascii") as lines:
+            times = [float(line.split(",")[0]) for line in lines if line[0].isdigit()]
+        complete = len(times) == round((times[-1] - times[0]) * SENSOR_RATE_HZ) + 1
+        megabytes = sum(viewer.received for viewer in self.viewers) / 1e6
+        print(f"readings sent {self.sensor.sent}, from {times[0]} s to {times[-1]} s {'all' if complete else 'not all'} arrived")
+        print(f"received by browsers {megabytes:.0f} MB; replay: {'the same bytes' if same else replay.stderr}")
+        return code if same and complete else 1
+
+
+# Rate of the sensor of `--everything`, Hz.
+SENSOR_RATE_HZ = 200
+
+
+class Sensor:
+    """Sensor that writes lines of numbers to a pseudo-terminal, at a fixed rate."""
+
+    def __init__(self):
+        self.controller, device = os.openpty()
+        tty.setraw(device)
+        self.port, self.sent, self.stopped = os.ttyname(device), 0, False
+        self.thread = threading.Thread(target=self.write, daemon=True)
+        self.thread.start()
+
+    def write(self):
+        start = time.monotonic()
+        while not self.stopped:
+            t = self.sent / SENSOR_RATE_HZ
+            rate = [0.3 * math.sin(0.7 * t), 0.2 * math.cos(0.5 * t), 0.1]
+            tilt = 0.4 * math.sin(0.3 * t)
+            numbers = [t, *rate, 9.81 * math.sin(tilt), 0.0, 9.81 * math.cos(tilt)]
+            os.write(self.controller, (",".join(f"{number:.6f}" for number in numbers) + "\n").encode())
+            self.sent += 1
+            time.sleep(max(start + self.sent / SENSOR_RATE_HZ - time.monotonic(), 0))
+
+    def stop(self):
+        self.stopped = True
+        self.thread.join(10)
+
+
+class Viewer:
+    """Connection of a browser to the cockpit. It reads all pictures or none, and reconnects."""
+
+    def __init__(self, port, reads):
+        self.port, self.reads, self.received = port, reads, 0
+        self.connection = None
+        threading.Thread(target=self.view, daemon=True).start()
+
+    def reconnect(self):
+        if self.connection:
+            self.connection.close()
+
+    def view(self):
+        key = base64.b64encode(os.urandom(16)).decode()
+        request = (
+            f"GET /socket HTTP/1.1\r\nHost: 127.0.0.1:{self.port}\r\nUpgrade: websocket\r\nConnection: Upgrade\r\n"
+            f"Sec-WebSocket-Version: 13\r\nSec-WebSocket-Key: {key}\r\n\r\n"
+        )
+        while True:
+            try:
+                with socket.create_connection(("127.0.0.1", self.port), 5) as self.connection:
+                    self.connection.sendall(request.encode())
+                    while self.reads and (data := self.connection.recv(1 << 16)):
+                        self.received += len(data)
+                    time.sleep(5)
+            except OSError:
+                time.sleep(1)
 
 
 GROWS, STEADY = "it grows", "it does not grow"

@@ -16,6 +16,8 @@ use crate::{system::EndpointArgs, topics::StopCondition};
 
 /// Longest wait for a message before the stop condition is checked.
 const RECEIVE_TIMEOUT: Duration = Duration::from_millis(100);
+/// Maximum number of fields that are read for one reading, so that a flood does not delay it.
+const MAX_FIELDS: usize = 1000;
 
 /// Arguments of `plumb bridge ros-sensor`.
 #[derive(Args)]
@@ -85,7 +87,8 @@ impl RosSensor {
             let Some(arrival) = imu.next(RECEIVE_TIMEOUT).filter(|arrival| arrival.is_present) else { continue };
             // The newest field is forwarded once, with the next reading.
             let mut field_ut = None;
-            while let Some(arrival) = mag.as_ref().and_then(|mag| mag.next(Duration::ZERO)) {
+            for _ in 0..MAX_FIELDS {
+                let Some(arrival) = mag.as_ref().and_then(|mag| mag.next(Duration::ZERO)) else { break };
                 let read = ros_messages::field_ut(&arrival.bytes);
                 counts.rejected += u64::from(read.is_none());
                 field_ut = read.or(field_ut);

@@ -11,7 +11,7 @@ use std::{
     collections::BTreeMap,
     fmt,
     fs::File,
-    io::{Read, Seek, SeekFrom},
+    io::{self, Read, Seek, SeekFrom},
     path::{Path, PathBuf},
 };
 
@@ -34,6 +34,11 @@ use crate::{
 
 /// Maximum length of a record, bytes. A longer record is treated as damage.
 pub(crate) const MAX_RECORD_BYTES: usize = 64 << 20;
+/// Maximum ratio of the size of the records to that of the file. Recorded flights stay below 10; a
+/// file that only keeps the reader busy can exceed 5000.
+const MAX_RATIO: u64 = 250;
+/// Size of the records below which the ratio is not limited, bytes.
+const MIN_LIMITED_BYTES: u64 = 1 << 26;
 /// Length of the opcode and the length field at the start of each record, bytes.
 const RECORD_HEADER_BYTES: usize = 9;
 
@@ -118,8 +123,12 @@ impl FlightInfo {
                     // Only a read error has an OS error code. A decompression error has none.
                     (Err(McapError::Io(cause)), _) if cause.raw_os_error().is_some() => return Err(read_error(cause)),
                     (Err(McapError::UnexpectedEof), _) => info.incomplete = Some("the file ends early".into()),
-                    (Err(damage), _) => info.incomplete = Some(format!("the file is damaged: {damage}").into()),
-                    (Ok(()), Err(damage)) => info.incomplete = Some(format!("the summary is damaged: {damage}").into()),
+                    (Err(damage), _) => {
+                        info.incomplete = Some(format!("the file is damaged: {}", reason(&damage)).into())
+                    }
+                    (Ok(()), Err(damage)) => {
+                        info.incomplete = Some(format!("the summary is damaged: {}", reason(&damage)).into())
+                    }
                     (Ok(()), Ok(_)) => {}
                 }
                 info
@@ -211,21 +220,56 @@ fn entries(metadata: BTreeMap<String, String>) -> Entries {
     metadata.into_iter().map(|(name, entry)| (name.into(), entry.into())).collect()
 }
 
+/// Describes an error, which for a decompression error is only in its cause.
+pub(crate) fn reason(error: &McapError) -> String {
+    match error {
+        McapError::Io(cause) => cause.to_string(),
+        other => other.to_string(),
+    }
+}
+
+/// Bytes read from a file, and bytes of the records that they decompress to.
+#[derive(Debug, Default)]
+pub(crate) struct Sizes {
+    read: u64,
+    records: u64,
+}
+
+impl Sizes {
+    /// Adds bytes read from the file.
+    pub(crate) fn add_read(&mut self, bytes: usize) {
+        self.read += bytes as u64;
+    }
+
+    /// Adds a record. Fails if the records are implausibly larger than the file.
+    pub(crate) fn add_record(&mut self, bytes: usize) -> McapResult<()> {
+        self.records += bytes as u64;
+        if self.records > MIN_LIMITED_BYTES && self.records / MAX_RATIO > self.read {
+            let Self { read, records } = self;
+            let found = format!("{read} bytes decompress to more than {records} bytes");
+            return Err(io::Error::other(format!("{found}, {MAX_RATIO} times as many; no flight is so uniform")).into());
+        }
+        Ok(())
+    }
+}
+
 /// Reads all records from the start, up to the first damaged one.
 fn scan_records(file: &mut File, info: &mut FlightInfo) -> McapResult<()> {
     let options = LinearReaderOptions::default().with_prevalidate_chunk_crcs(true);
     let mut reader = LinearReader::new_with_options(options.with_record_length_limit(MAX_RECORD_BYTES));
-    let (mut schemas, mut topic_indexes) = (BTreeMap::new(), BTreeMap::new());
+    let (mut schemas, mut topic_indexes, mut sizes) = (BTreeMap::new(), BTreeMap::new(), Sizes::default());
     let mut span_ns: Option<[u64; 2]> = None;
     while let Some(event) = reader.next_event() {
         let (opcode, data) = match event? {
             LinearReadEvent::ReadRequest(need) => {
                 let read = file.read(reader.insert(need))?;
+                sizes.add_read(read);
                 reader.notify_read(read);
                 continue;
             }
             LinearReadEvent::Record { opcode, data } => (opcode, data),
         };
+        sizes.add_record(data.len())?;
         match parse_record(opcode, data)? {
             Record::Schema { header, .. } => {
                 schemas.insert(header.id, ForeignText::from(header.name));

@@ -23,7 +23,11 @@ use mcap::{
 };
 use wire::Payload;
 
-use crate::{FlightError, info::MAX_RECORD_BYTES, writer::LAUNCH_ATTACHMENT};
+use crate::{
+    FlightError,
+    info::{MAX_RECORD_BYTES, Sizes, reason},
+    writer::LAUNCH_ATTACHMENT,
+};
 
 /// Prefix of the MCAP library field in files written by Plumbline.
 const LIBRARY_PREFIX: &str = "plumbline ";
@@ -193,6 +197,7 @@ struct Records {
     path: PathBuf,
     file: File,
     reader: LinearReader,
+    sizes: Sizes,
 }
 
 impl Records {
@@ -200,24 +205,25 @@ impl Records {
         let file = File::open(path).map_err(|cause| FlightError::Read { path: path.to_owned(), cause })?;
         let options = LinearReaderOptions::default().with_prevalidate_chunk_crcs(true);
         let reader = LinearReader::new_with_options(options.with_record_length_limit(MAX_RECORD_BYTES));
-        Ok(Self { path: path.to_owned(), file, reader })
+        Ok(Self { path: path.to_owned(), file, reader, sizes: Sizes::default() })
     }
 
     /// Calls `visit` for the next records until it returns `Some`.
     ///
     /// Returns that value, or `None` at the end of the file or at a truncation.
     fn find_map<T>(&mut self, visit: &mut dyn FnMut(Record<'_>) -> Option<T>) -> Result<Option<T>, FlightError> {
-        let Self { path, file, reader } = self;
-        let malformed =
-            |cause: McapError| FlightError::Malformed { path: path.clone(), cause: cause.to_string().into() };
+        let Self { path, file, reader, sizes } = self;
+        let malformed = |cause: McapError| FlightError::Malformed { path: path.clone(), cause: reason(&cause).into() };
         while let Some(event) = reader.next_event() {
             match event {
                 Ok(LinearReadEvent::ReadRequest(need)) => {
                     let read = file.read(reader.insert(need));
                     let read = read.map_err(|cause| FlightError::Read { path: path.clone(), cause })?;
+                    sizes.add_read(read);
                     reader.notify_read(read);
                 }
                 Ok(LinearReadEvent::Record { opcode, data }) => {
+                    sizes.add_record(data.len()).map_err(malformed)?;
                     if let Some(found) = visit(parse_record(opcode, data).map_err(malformed)?) {
                         return Ok(Some(found));
                     }

@@ -1,9 +1,10 @@
 //! Tests that record to a file and read it back.
 
-use std::fs;
+use std::{collections::BTreeMap, fs, io::Cursor};
 
 use foreign::ForeignText;
 use graph::Topic;
+use mcap::{Compression, WriteOptions, records::MessageHeader};
 use messages::{AttitudeOutput, Health, ImuSample};
 
 use crate::{FlightError, FlightHeader, FlightInfo, Recorder, RecordingMode, info::AttachmentInfo};
@@ -156,6 +157,27 @@ fn error_of_hostile_file_is_a_single_line_without_escapes() {
     assert!(error.contains(r"a\u{1b}[2J\nforged") && error.lines().count() == 1, "{error:?}");
     let info = FlightInfo::read(&path).unwrap();
     assert!(info.incomplete.is_some_and(|reason| reason.raw().contains(HOSTILE)));
+}
+
+#[test]
+fn implausibly_uniform_file_is_refused_while_it_is_read() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("flight.mcap");
+    let mut file = Cursor::new(Vec::new());
+    let mut writer = WriteOptions::new().compression(Some(Compression::Zstd)).create(&mut file).unwrap();
+    let channel_id = writer.add_channel(0, "/imu", "protobuf", &BTreeMap::new()).unwrap();
+    let header = MessageHeader { channel_id, sequence: 0, log_time: 0, publish_time: 0 };
+    (0..100).for_each(|_| writer.write_to_known_channel(&header, &[0; 1 << 20]).unwrap());
+    writer.finish().unwrap();
+    drop(writer);
+    // Without the end of the file, `FlightInfo` reads the records.
+    let bytes = &file.get_ref()[..file.get_ref().len() - mcap::MAGIC.len()];
+    fs::write(&path, bytes).unwrap();
+    let expected = "bytes decompress to more than 6";
+    let error = crate::read_launch_file(&path).unwrap_err().to_string();
+    assert!(error.contains(expected), "{error}");
+    let info = FlightInfo::read(&path).unwrap();
+    assert!(info.messages < 70 && info.incomplete.unwrap().raw().contains(expected));
 }
 
 #[test]

@@ -12,12 +12,10 @@ use std::{
 
 use foreign::ForeignText;
 use rustix::{
+    event::{PollFd, PollFlags, Timespec, poll},
     io::Errno,
-    net::{
-        AddressFamily, RecvFlags, SendFlags, SocketFlags, SocketType, recv, send, socketpair,
-        sockopt::{Timeout, set_socket_timeout},
-    },
-    process::{Pid, Signal, WaitId, WaitIdOptions, kill_process_group, waitid},
+    net::{AddressFamily, RecvFlags, SendFlags, SocketFlags, SocketType, recv, send, socketpair},
+    process::{Pid, PidfdFlags, Signal, WaitId, WaitIdOptions, kill_process_group, pidfd_open, waitid},
 };
 use sdk::frame::{FrameError, FrameHeader, MAX_FRAME_BYTES, RequestKind};
 
@@ -94,6 +92,9 @@ pub enum HostError {
 pub(crate) struct Child {
     program: ForeignText,
     process: Process,
+    /// Becomes readable when the program exits, even if a process that it has started keeps the
+    /// socket open. `None` if the kernel does not support it.
+    exit: Option<OwnedFd>,
     output: StageOutput,
     socket: OwnedFd,
     /// Number of requests so far.
@@ -122,20 +123,19 @@ impl Child {
         // group can be ended.
         let process = command.process_group(0).spawn().map_err(failed)?;
         drop(command);
-        let response = vec![0; MAX_FRAME_BYTES];
-        let mut child = Self {
+        let exit = Pid::from_raw(process.id() as i32).and_then(|pid| pidfd_open(pid, PidfdFlags::empty()).ok());
+        Ok(Self {
             program,
             process,
+            exit,
             output,
             socket,
             number: 0,
             frame: Vec::new(),
-            response,
-            timeout: Duration::ZERO,
+            response: vec![0; MAX_FRAME_BYTES],
+            timeout: START_TIMEOUT,
             timeout_remedy: START_REMEDY,
-        };
-        child.set_timeout(START_TIMEOUT)?;
-        Ok(child)
+        })
     }
 
     /// Returns the process identifier.
@@ -144,15 +144,8 @@ impl Child {
     }
 
     /// Sets the timeout for each response after the start.
-    pub(crate) fn set_response_timeout(&mut self, timeout: Duration) -> Result<(), HostError> {
-        self.timeout_remedy = RUN_REMEDY;
-        self.set_timeout(timeout)
-    }
-
-    fn set_timeout(&mut self, timeout: Duration) -> Result<(), HostError> {
-        self.timeout = timeout;
-        set_socket_timeout(&self.socket, Timeout::Recv, Some(timeout))
-            .map_err(|errno| HostError::Start { program: self.program.clone(), cause: errno.into() })
+    pub(crate) fn set_response_timeout(&mut self, timeout: Duration) {
+        (self.timeout, self.timeout_remedy) = (timeout, RUN_REMEDY);
     }
 
     /// Sends a request and returns the payload of the response, or `None` if the program rejects
@@ -197,12 +190,12 @@ impl Child {
     fn receive(&mut self, kind: RequestKind) -> Result<usize, HostError> {
         let started = Instant::now();
         loop {
-            match recv(&self.socket, &mut self.response[..], RecvFlags::empty()) {
+            let left = self.timeout.saturating_sub(started.elapsed());
+            let has_exited = self.wait_for_packet(left);
+            match recv(&self.socket, &mut self.response[..], RecvFlags::DONTWAIT) {
                 Ok((len, _)) if len > 0 => return Ok(len),
-                // Receiving was interrupted by a signal to this process, which is handled
-                // elsewhere.
-                Err(Errno::INTR) if started.elapsed() < self.timeout => {}
-                Err(Errno::AGAIN | Errno::INTR) => {
+                Err(Errno::AGAIN | Errno::INTR) if !has_exited && !left.is_zero() => {}
+                Err(Errno::AGAIN | Errno::INTR) if !has_exited => {
                     let waited_ms = started.elapsed().as_millis();
                     return Err(HostError::Timeout {
                         program: self.program.clone(),
@@ -214,6 +207,18 @@ impl Child {
                 Ok(_) | Err(_) => return Err(self.ended(kind)),
             }
         }
+    }
+
+    /// Waits for a packet, the exit of the program or the end of the time. Returns `true` if the
+    /// program has exited.
+    fn wait_for_packet(&self, left: Duration) -> bool {
+        let mut fds =
+            [&self.socket, self.exit.as_ref().unwrap_or(&self.socket)].map(|fd| PollFd::new(fd, PollFlags::IN));
+        let count = if self.exit.is_some() { 2 } else { 1 };
+        // Waiting can be interrupted by a signal to this process, which is handled elsewhere.
+        let _ = poll(&mut fds[..count], Timespec::try_from(left).ok().as_ref());
+        let [_, exit] = &fds;
+        !exit.revents().is_empty()
     }
 
     /// Builds the error for a closed connection. Waits briefly for the exit status.

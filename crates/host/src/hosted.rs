@@ -84,7 +84,7 @@ impl<B: HostableStage> HostedStage<B> {
             let cause = format!("the state has more than {MAX_STATE_VALUES} numbers");
             return Err(child.invalid_response(RequestKind::Snapshot, &cause));
         }
-        child.set_response_timeout(timeout)?;
+        child.set_response_timeout(timeout);
         Ok(Self {
             name,
             program: program.clone(),

@@ -17,6 +17,8 @@ use crate::{Link, LinkError, at_key, publisher::REASON_ENCODING};
 /// Maximum number of messages buffered for a slow reader. Beyond that, the oldest are dropped,
 /// which shows as a gap.
 const MAX_BUFFERED: usize = 4096;
+/// Maximum number of responses to a query.
+const MAX_RESPONSES: usize = 1024;
 /// Maximum length of the reason for a rejection, characters.
 const MAX_REASON_CHARS: usize = 4096;
 
@@ -50,7 +52,8 @@ impl Link {
         subscriber.wait().map(MessageStream).map_err(at_key("subscribing to liveliness at", keys))
     }
 
-    /// Returns the key and bytes of every response to a query that arrives within `limit`.
+    /// Returns the key and bytes of every response to a query that arrives within `limit`, at most
+    /// 1024.
     ///
     /// # Errors
     ///
@@ -60,7 +63,9 @@ impl Link {
         let replies = query.payload(payload).timeout(limit).wait().map_err(at_key("querying", key))?;
         let deadline = Instant::now() + limit;
         let (mut responses, mut rejection) = (Vec::new(), None);
-        while let Ok(Some(reply)) = replies.recv_deadline(deadline) {
+        while responses.len() < MAX_RESPONSES
+            && let Ok(Some(reply)) = replies.recv_deadline(deadline)
+        {
             match reply.result() {
                 Ok(sample) => responses.push((sample.key_expr().to_string(), sample.payload().to_bytes().into_owned())),
                 Err(error) => rejection = reason(error).or(rejection),

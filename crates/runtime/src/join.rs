@@ -225,7 +225,8 @@ impl<I: JoinInputs> Join<I> {
         }
     }
 
-    /// Creates a join that also emits ticks for which no input has a message.
+    /// Creates a join that also emits ticks for which no input has a message, unless more are
+    /// missing in a row than a topic holds.
     pub fn with_empty_ticks(inputs: I, lateness_ticks: u64) -> Self {
         Self { emits_empty_ticks: true, ..Self::new(inputs, lateness_ticks) }
     }
@@ -333,7 +334,10 @@ impl<I: JoinInputs> Join<I> {
             index += 1;
         });
         let slowest = slowest.map_or(0, |(_, index)| index);
-        let next = if self.emits_empty_ticks { Some(self.sequence.next_tick) } else { first };
+        let empty = Some(self.sequence.next_tick).filter(|_| self.emits_empty_ticks);
+        // Without this limit, a tick far ahead, such as one from another host, would take forever.
+        let is_emitted = |empty: &u64| first.is_none_or(|first| first.saturating_sub(*empty) <= MAX_QUEUED as u64);
+        let next = empty.filter(is_emitted).or(first);
         let Some((tick, newest)) = next.zip(newest).filter(|(tick, newest)| tick <= newest) else {
             return Err(slowest);
         };
@@ -597,6 +601,20 @@ mod tests {
             *join.sequence(),
             Sequence { next_tick: 5, ticks: 2, lost: 3, duplicated: 4, repeated: 0, publisher: 0 }
         );
+    }
+
+    #[test]
+    fn empty_ticks_end_at_a_gap_longer_than_a_topic() {
+        for (gap, ticks) in [(MAX_QUEUED as u64 - 1, MAX_QUEUED + 1), (1 << 60, 2)] {
+            let mut join = Join::with_empty_ticks(Inputs::default(), 20);
+            for tick in [0, 1 + gap] {
+                join.gyro(tick, Flags::NONE);
+                join.accel(tick, Flags::NONE);
+            }
+            let emitted: Vec<_> = std::iter::from_fn(|| join.next()).take(2 * MAX_QUEUED).collect();
+            let missing: u64 = emitted.iter().map(|joined| joined.missing).sum();
+            assert_eq!((emitted.len(), missing), (ticks, if ticks == 2 { gap } else { 0 }), "{gap}");
+        }
     }
 
     #[test]

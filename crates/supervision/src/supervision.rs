@@ -87,7 +87,7 @@ impl Supervision {
             Event::Spawned { incarnation, pid } => self.on_spawned(incarnation, pid),
             Event::SpawnFailed { incarnation, cause } => self.on_spawn_failed(incarnation, cause),
             Event::Exited { incarnation, exit_status, stderr } => self.on_exit(incarnation, exit_status, stderr),
-            Event::Health(health) => self.table.on_health(health, self.now),
+            Event::Health(health) => self.on_health(health),
             Event::Checkpoint(checkpoint) => self.on_checkpoint(*checkpoint),
             Event::Difference(difference) => self.on_difference(&difference),
             Event::Published { service, next_tick } => self.on_published(service, next_tick),

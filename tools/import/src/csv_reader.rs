@@ -25,7 +25,7 @@ use mapping::{
 use recording::GzipReader;
 
 use crate::{
-    ImportError,
+    ImportError, Note,
     error::{TextPosition, excerpt, open_error},
 };
 
@@ -114,6 +114,11 @@ impl CsvReader {
     /// Returns the description of the damage at which reading ended, if any.
     pub(crate) fn damage(&self) -> Option<&ForeignText> {
         self.lines.damage.as_ref()
+    }
+
+    /// Returns a note if the file ends within a row, after its last number or inside it.
+    pub(crate) fn unended_row(&self) -> Option<Note> {
+        self.lines.unended_row.map(|line| Note::UnendedRow { line })
     }
 }
 
@@ -293,6 +298,8 @@ struct Lines {
     line: u64,
     /// Description of the damage at which reading ended.
     damage: Option<ForeignText>,
+    /// Number of the last line, if it is a row without a line end.
+    unended_row: Option<u64>,
 }
 
 impl Lines {
@@ -308,7 +315,7 @@ impl Lines {
         // Damage of a compressed file is reported with its line.
         let start = inner.fill_buf().unwrap_or_default();
         let end = if start.contains(&b'\r') && !start.contains(&b'\n') { b'\r' } else { b'\n' };
-        Ok(Self { path: path.to_owned(), inner, end, is_before_rows: true, line: 0, damage: None })
+        Ok(Self { path: path.to_owned(), inner, end, is_before_rows: true, line: 0, damage: None, unended_row: None })
     }
 
     /// Returns the next line, or `None` at the end of the file or at the damaged part of a
@@ -318,9 +325,9 @@ impl Lines {
         while self.damage.is_none() {
             text.clear();
             self.line += 1;
-            let length = match self.read_line(&mut text) {
-                Ok(0) => return Ok(None),
-                Ok(length) => length,
+            let (length, has_end) = match self.read_line(&mut text) {
+                Ok((0, _)) => return Ok(None),
+                Ok(read) => read,
                 Err(cause) => {
                     let found = match cause.kind() {
                         io::ErrorKind::UnexpectedEof => "the end of the file inside the gzip stream".into(),
@@ -347,15 +354,19 @@ impl Lines {
             match Line::parse(names.as_ref().map_or(&text, |names| names.as_bytes())) {
                 Some(Line::Blank) => {}
                 Some(Line::Comment(comment)) => return Ok(Some((self.line, OwnedLine::Comment(comment.to_owned())))),
-                Some(Line::Content(line)) => return Ok(Some((self.line, OwnedLine::Content(line.to_owned())))),
+                Some(Line::Content(line)) => {
+                    self.unended_row = Some(self.line).filter(|_| !has_end);
+                    return Ok(Some((self.line, OwnedLine::Content(line.to_owned()))));
+                }
                 None => return Err(malformed(&self.path, position, excerpt(&text), "UTF-8 text")),
             }
         }
         Ok(None)
     }
 
-    /// Reads a line and returns its length. The bytes beyond [`MAX_LINE_BYTES`] are discarded.
-    fn read_line(&mut self, text: &mut Vec<u8>) -> io::Result<usize> {
+    /// Reads a line. Returns its length, and `true` if it has an end. The bytes beyond
+    /// [`MAX_LINE_BYTES`] are discarded.
+    fn read_line(&mut self, text: &mut Vec<u8>) -> io::Result<(usize, bool)> {
         let mut length = 0;
         loop {
             let buffer = self.inner.fill_buf()?;
@@ -367,7 +378,7 @@ impl Lines {
             length += count;
             self.inner.consume(count);
             if end.is_some() || count == 0 {
-                return Ok(length);
+                return Ok((length, end.is_some()));
             }
         }
     }

@@ -118,6 +118,7 @@ impl CsvSource {
             let file = foreign::path(Path::new(path.file_name().unwrap_or_default()));
             survey.notes.push(Note::DamagedFile { file, found: found.clone() });
         }
+        survey.notes.extend(reader.unended_row());
         match first_error {
             Some(error) if rows == 0 => return Err(error),
             Some(ImportError::Malformed { position, found, expected, .. }) => {

@@ -132,6 +132,11 @@ pub enum Note {
         /// Text expected.
         expected: String,
     },
+    /// The last row of text has no line end. It was read, but its last number may be cut.
+    UnendedRow {
+        /// Line number, from 1.
+        line: u64,
+    },
     /// The clock of the source went back, which separates the source into segments.
     Segments {
         /// Number of the segment that was read, from 1.
@@ -277,6 +282,10 @@ impl fmt::Display for Note {
                 let rows = if *count == 1 { "row" } else { "rows" };
                 write!(f, "skipped {count} malformed {rows}, the first in line {line}: found {found}, expected {expected}")
             }
+            Self::UnendedRow { line } => write!(
+                f,
+                "line {line}, the last one, has no line end: if the file was cut, the last number of the row is incomplete"
+            ),
             Self::Segments { read, is_requested, segments } => {
                 write!(f, "the clock goes back, so the log has {} segments:", segments.len())?;
                 for (number, segment) in (1..=MAX_LISTED_SEGMENTS).zip(segments) {

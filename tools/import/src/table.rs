@@ -95,6 +95,7 @@ pub fn convert_table(path: &Path, table: Table, out: &Path) -> Result<Vec<Note>,
         let file = foreign::path(Path::new(path.file_name().unwrap_or_default()));
         notes.push(Note::DamagedFile { file, found: found.clone() });
     }
+    notes.extend(reader.unended_row());
     match first_error {
         Some(error) if rows == 0 => return Err(error),
         Some(ImportError::Malformed { position, found, expected, .. }) => {

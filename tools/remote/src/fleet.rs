@@ -27,6 +27,8 @@ use crate::error::RemoteError;
 
 /// Maximum number of vehicles that are tracked.
 const MAX_VEHICLES: usize = 256;
+/// Maximum number of services that are tracked per vehicle. A system has fewer than 16.
+const MAX_SERVICES: usize = 64;
 /// Longest wait for a message.
 const RECEIVE_TIMEOUT: Duration = Duration::from_millis(20);
 /// Maximum number of messages of a subscription that are received per poll, so that the caller is
@@ -89,7 +91,8 @@ impl FleetMonitor {
     /// Fails if a table cannot be written.
     pub fn poll(&mut self) -> Result<(), TableError> {
         let Self { messages, liveliness, tables, vehicles } = self;
-        while let Some(token) = liveliness.next(Duration::ZERO) {
+        for _ in 0..MAX_MESSAGES {
+            let Some(token) = liveliness.next(Duration::ZERO) else { break };
             update_liveliness(vehicles, &token);
         }
         for stream in messages {
@@ -125,7 +128,7 @@ fn update_liveliness(vehicles: &mut Vehicles, token: &RemoteMessage) {
     let Some(vehicle) = entry(vehicles, name) else { return };
     match rest.strip_prefix(keys::LIVELINESS).map(|service| service.trim_start_matches('/')) {
         Some("") => vehicle.is_alive = token.is_present,
-        Some(service) if token.is_present => drop(vehicle.services.insert(service.into())),
+        Some(service) if token.is_present => vehicle.add_service(service),
         Some(service) => drop(vehicle.services.remove(service)),
         None => {}
     }
@@ -149,6 +152,13 @@ fn record_message(
 }
 
 impl Vehicle {
+    /// Adds a service if there is room.
+    fn add_service(&mut self, service: &str) {
+        if self.services.len() < MAX_SERVICES {
+            self.services.insert(service.into());
+        }
+    }
+
     /// Counts a batch of messages of a topic and writes it to the topic's table if `tables` is
     /// given.
     fn record_batch<M: Payload>(
@@ -241,6 +251,16 @@ fn topic_json(topic: &str, tracker: &DeliveryTracker) -> Value {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn number_of_services_of_a_vehicle_is_limited() {
+        let mut vehicles = Vehicles::new();
+        for number in 0..1000 {
+            let key = keys::service_liveliness("boat", &number.to_string());
+            update_liveliness(&mut vehicles, &RemoteMessage { key, bytes: Vec::new(), is_present: true });
+        }
+        assert_eq!(vehicles["boat"].services.len(), MAX_SERVICES);
+    }
 
     #[test]
     fn hostile_service_name_is_escaped_except_in_json() {

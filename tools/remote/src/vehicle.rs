@@ -29,6 +29,9 @@ const UNREACHABLE_TIMEOUT: Duration = Duration::from_secs(10);
 /// Maximum number of batches received in one poll. The remaining ones are received in the next
 /// poll.
 const MAX_BATCHES: usize = 4096;
+/// Maximum number of changes of liveliness that are processed per check, so that the caller is not
+/// starved.
+const MAX_TOKENS: usize = 1000;
 
 /// Callback for delivery statistics and, if present, a message with the frame that its publisher
 /// reported. Returns `false` to stop.
@@ -95,7 +98,8 @@ impl RemoteVehicle {
 
     /// Returns `true` if the vehicle is alive or has been unreachable only briefly.
     pub fn is_reachable(&self) -> bool {
-        while let Some(token) = self.liveliness.next(Duration::ZERO) {
+        for _ in 0..MAX_TOKENS {
+            let Some(token) = self.liveliness.next(Duration::ZERO) else { break };
             self.unreachable_since.set((!token.is_present).then(Instant::now));
         }
         self.unreachable_since.get().is_none_or(|since| since.elapsed() < UNREACHABLE_TIMEOUT)

@@ -30,7 +30,8 @@ while request := requests.recv(16384):
         numbers = [0.0, 0.0, 0.0, *struct.unpack("<3d", request[16:]), steps, 0.5]
         if steps == 3.0:
             if fault == "dies": sys.exit(7)
-            if fault == "hangs": time.sleep(3600)
+            if fault == "leaves" and os.fork(): os._exit(7)
+            if fault in ("hangs", "leaves"): time.sleep(3600)
             if fault == "forks" and os.fork() == 0: sys.stdin.close(); requests.close(); time.sleep(3600)
             if fault == "shortens": numbers.pop()
             if fault == "lengthens": numbers *= 90
@@ -79,6 +80,7 @@ fn external_stage_implements_the_stage_contract() {
 fn invalid_response_fails_permanently_with_reason() {
     for (fault, message) in [
         ("dies", "ended with exit status: 7 on the request to step"),
+        ("leaves", "ended with exit status: 7 on the request to step"),
         ("hangs", "if it is slow, raise silence_s in [restart]"),
         ("shortens", "the payload has 56 bytes, expected 64"),
         ("lengthens", "the payload has 5760 bytes, expected 64"),

@@ -4,7 +4,7 @@ use std::time::Duration;
 
 use foreign::ForeignText;
 use launch::{OnLimit, Restart, Service, Slot};
-use messages::{EventKind, SystemEvent};
+use messages::{EventKind, Health, SystemEvent};
 use swap::{FIRST_EPOCH, Resume, Role};
 
 use crate::{
@@ -20,6 +20,18 @@ use crate::{
 ///
 /// After a stall, the deadlines of silent services are extended by its duration.
 const MIN_STALL: Duration = Duration::from_millis(100);
+
+/// Time that a restarted external stage has at least to start, as a share of `buffer_s`.
+///
+/// An interpreter starts several times slower on a busy machine. Killing it earlier gains nothing,
+/// because the topics still hold its inputs, and the rest of `buffer_s` suffices for another start.
+const EXTERNAL_START_SHARE: f64 = 0.75;
+
+/// Suggested `buffer_s` relative to the time that would have been needed.
+const BUFFER_MARGIN: f64 = 1.25;
+
+/// Largest `buffer_s` that is suggested, s: the maximum of the launch file.
+const MAX_BUFFER_S: f64 = 60.0;
 
 impl Supervision {
     /// Starts a service without a slot, or the owner of a slot. `resume` is `None` only for the
@@ -180,10 +192,37 @@ impl Supervision {
     }
 
     pub(crate) fn kill_silent(&mut self) {
-        let rule = self.config.launch.restart;
+        let launch = &self.config.launch;
+        let rule = launch.restart;
         for service in Service::ALL {
-            self.table.entry_mut(service).kill_silent(service, &rule, self.now, &mut self.actions);
+            let is_external = service.slot().is_some_and(|slot| launch.external_stage(slot).is_some());
+            let min_start_s = if is_external { EXTERNAL_START_SHARE * launch.buffer_s } else { 0.0 };
+            let min_start = Duration::from_secs_f64(rule.silence_s.max(min_start_s));
+            self.table.entry_mut(service).kill_silent(service, &rule, min_start, self.now, &mut self.actions);
         }
+    }
+
+    /// Records a health report. Reports ticks that were lost because an owner was restarted too
+    /// late.
+    pub(crate) fn on_health(&mut self, health: Health) {
+        let Some(resume_tick) = self.table.on_health(health, self.now) else { return };
+        let Some(service) = Service::ALL.get(health.service as usize) else { return };
+        let behind = self.published.iter().max().map_or(0, |newest| newest.saturating_sub(resume_tick));
+        let lost = behind.saturating_sub(self.config.buffer_ticks);
+        if lost == 0 || self.source_waits() || service.slot().is_none() {
+            return;
+        }
+        let buffer_s = self.config.launch.buffer_s;
+        let needed_s = (BUFFER_MARGIN * behind as f64 / self.config.rate_hz).ceil();
+        let remedy = if needed_s <= MAX_BUFFER_S {
+            format!("; if it can take as long again, set buffer_s = {needed_s}")
+        } else {
+            String::new()
+        };
+        self.announce(format!(
+            "{service}: its restart took longer than the topics hold messages (buffer_s = {buffer_s}): about {} lost{remedy}",
+            launch::pluralize(lost, "tick")
+        ));
     }
 }
 
@@ -193,5 +232,93 @@ fn remedy(service: Service) -> String {
         format!("; replace its stage with `plumb swap {service} STAGE`")
     } else {
         String::new()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use bytemuck::Zeroable;
+    use launch::Launch;
+    use messages::{Checkpoint, State};
+
+    use super::*;
+    use crate::{Config, Event};
+
+    /// Live system with an external stage in the slot fuser.
+    fn supervision() -> Supervision {
+        let text = "[fuser]\nstage = \"own\"\n[stages.own]\nslot = \"fuser\"\ncommand = [\"python3\", \"own.py\"]\n";
+        let config = Config {
+            launch: Launch::parse("launch.toml", text).unwrap(),
+            rate_hz: 100.0,
+            lockstep: false,
+            window_ticks: 20,
+            buffer_ticks: 200,
+            stop_after: None,
+            validate: |_, _| Ok(()),
+        };
+        Supervision::new(config, Duration::ZERO)
+    }
+
+    fn health(service: Service, incarnation: u32) -> Event {
+        let (state, service) = (State::RUNNING, service as u32);
+        Event::Health(Health { service, incarnation, state, ..Health::zeroed() })
+    }
+
+    /// Starts the system and restarts its fuser from tick 100, when tick 150 is the newest. Returns
+    /// the incarnation of the fuser's new process.
+    fn restart_fuser(supervision: &mut Supervision, now: Duration) -> u32 {
+        let spawned = |actions: Vec<Action>| {
+            let spawn = |action| if let Action::Spawn(spawn) = action { Some(*spawn) } else { None };
+            actions.into_iter().filter_map(spawn).map(|spawn| (spawn.service, spawn.incarnation)).collect::<Vec<_>>()
+        };
+        let mut fuser = 0;
+        for (service, incarnation) in spawned(supervision.handle(now, Event::Timer)) {
+            supervision.handle(now, Event::Spawned { incarnation, pid: incarnation });
+            supervision.handle(now, health(service, incarnation));
+            fuser = if service == Service::Fuser { incarnation } else { fuser };
+        }
+        let service = Service::Fuser as u32;
+        let mut checkpoint = Checkpoint { service, incarnation: fuser, next_tick: 100, ..Checkpoint::zeroed() };
+        checkpoint.checksum = checkpoint.compute_checksum();
+        supervision.handle(now, Event::Checkpoint(Box::new(checkpoint)));
+        supervision.handle(now, Event::Published { service: Service::Ingest, next_tick: 150 });
+        let (exit_status, stderr) = (String::from("exited with code 1"), ForeignText::default());
+        supervision.handle(now, Event::Exited { incarnation: fuser, exit_status, stderr });
+        let (_, incarnation) = spawned(supervision.handle(now, Event::Timer))[0];
+        supervision.handle(now, Event::Spawned { incarnation, pid: incarnation });
+        incarnation
+    }
+
+    fn announced(actions: Vec<Action>) -> String {
+        let line = |action| if let Action::Announce(line) = action { Some(line) } else { None };
+        actions.into_iter().filter_map(line).collect::<Vec<_>>().join("\n")
+    }
+
+    #[test]
+    fn restart_later_than_the_buffer_reports_loss_and_remedy() {
+        for (newest, expected) in [
+            (300, ""),
+            (400, "about 100 ticks lost; if it can take as long again, set buffer_s = 4"),
+            (9000, "about 8700 ticks lost"),
+        ] {
+            let mut supervision = supervision();
+            let incarnation = restart_fuser(&mut supervision, Duration::ZERO);
+            supervision.handle(Duration::ZERO, Event::Published { service: Service::Ingest, next_tick: newest });
+            let line = announced(supervision.handle(Duration::ZERO, health(Service::Fuser, incarnation)));
+            assert!(line.ends_with(expected) && line.is_empty() == expected.is_empty(), "{newest}: {line}");
+        }
+    }
+
+    #[test]
+    fn restarted_program_may_start_while_its_inputs_are_held() {
+        let mut supervision = supervision();
+        restart_fuser(&mut supervision, Duration::ZERO);
+        let mut killed_after_ms = None;
+        for ms in (0..4000).step_by(10) {
+            let actions = supervision.handle(Duration::from_millis(ms), Event::Timer);
+            let starts = announced(actions).contains("has not opened its topics");
+            killed_after_ms = killed_after_ms.or(starts.then_some(ms));
+        }
+        assert_eq!(killed_after_ms, Some(1510), "three quarters of buffer_s");
     }
 }

@@ -143,16 +143,21 @@ impl ProcessTable {
     }
 
     /// Records a health report. Reports from exited processes are ignored.
-    pub(crate) fn on_health(&mut self, health: Health, now: Duration) {
-        let Some(entry) = self.entries.get_mut(health.service as usize) else { return };
+    ///
+    /// Returns the tick of the checkpoint that an owner resumed from if this is its first report.
+    pub(crate) fn on_health(&mut self, health: Health, now: Duration) -> Option<u64> {
+        let entry = self.entries.get_mut(health.service as usize)?;
         let is_first = |process: &&Process| process.incarnation == health.incarnation && process.health.is_none();
+        let mut resume_tick = None;
         if let Some(owner) = entry.owner.as_ref().filter(is_first) {
             entry.policy.on_first_health(now.saturating_sub(owner.started));
+            resume_tick = owner.resume_tick;
         }
         for process in entry.processes_mut().filter(|process| process.incarnation == health.incarnation) {
             process.health = Some(health);
             (process.silent_since, process.stall_credited) = (now, false);
         }
+        resume_tick
     }
 
     /// Returns `true` if the process is the candidate of the service.
@@ -313,13 +318,21 @@ impl ProcessEntry {
         }
     }
 
-    /// Kills processes that have exceeded their health timeout.
-    pub(crate) fn kill_silent(&mut self, service: Service, rule: &Restart, now: Duration, actions: &mut Vec<Action>) {
+    /// Kills processes that have exceeded their health timeout. `min_start` is the minimum timeout
+    /// for the first report after a restart.
+    pub(crate) fn kill_silent(
+        &mut self,
+        service: Service,
+        rule: &Restart,
+        min_start: Duration,
+        now: Duration,
+        actions: &mut Vec<Action>,
+    ) {
         // Until its first health report, a candidate is subject to the deadline of its swap
         // instead.
         let candidate = self.candidate.as_mut().filter(|candidate| candidate.health.is_some());
         let first_timeout =
-            if service.is_low_priority() { FIRST_HEALTH_TIMEOUT } else { self.policy.first_health_timeout(rule) };
+            if service.is_low_priority() { FIRST_HEALTH_TIMEOUT } else { self.policy.first_health_timeout(min_start) };
         for process in self.owner.iter_mut().chain(candidate) {
             let (timeout, what) = match &process.health {
                 Some(_) => {

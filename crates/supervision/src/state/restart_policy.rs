@@ -45,15 +45,15 @@ impl RestartPolicy {
     /// Returns the timeout for the first health report of the newest process.
     ///
     /// The first process has the full [`FIRST_HEALTH_TIMEOUT`], because nothing is published before
-    /// every service is ready. A later process has only `silence_s`, or twice the shortest start
+    /// every service is ready. A later process has only `min_timeout`, or twice the shortest start
     /// time if that is longer, because ticks are waiting for it. Its timeout doubles with each
     /// consecutive exit without a health report, in case the machine is slow.
-    pub(crate) fn first_health_timeout(&self, rule: &Restart) -> Duration {
+    pub(crate) fn first_health_timeout(&self, min_timeout: Duration) -> Duration {
         if self.restarts == 0 {
             return FIRST_HEALTH_TIMEOUT;
         }
         let needed = 2 * self.min_start.unwrap_or_default();
-        let limit = needed.max(Duration::from_secs_f64(rule.silence_s));
+        let limit = needed.max(min_timeout);
         limit.saturating_mul(1 << self.silent_exits.min(20)).min(FIRST_HEALTH_TIMEOUT)
     }
 
@@ -135,8 +135,8 @@ mod tests {
     }
 
     #[test]
-    fn first_health_timeout_of_restarts_follows_silence_limit() {
-        let ms = |policy: &RestartPolicy| policy.first_health_timeout(&RULE).as_millis();
+    fn first_health_timeout_of_restarts_follows_its_minimum() {
+        let ms = |policy: &RestartPolicy| policy.first_health_timeout(Duration::from_secs(1)).as_millis();
         let mut policy = RestartPolicy::default();
         policy.on_first_health(Duration::from_millis(300));
         assert_eq!(ms(&policy), 10_000, "the first process has the full timeout");

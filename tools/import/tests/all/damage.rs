@@ -49,6 +49,21 @@ fn log_cut_at_any_byte_keeps_earlier_rows() {
 }
 
 #[test]
+fn text_cut_within_a_row_is_reported() {
+    let folder = Folder::new();
+    let text = "t_s,gx,gy,gz,ax,ay,az\n0.00,0.125,0,0,0,0,9.806\n0.01,0.25,0,0,0,0,9.807\n0.02,0,0,0,0,0,9.80665\n";
+    for length in text.find("0.01").unwrap()..=text.len() {
+        let summary = folder.import(&[folder.file("cut.csv", &text[..length])], None).unwrap().summary;
+        let is_loss = |note: &Note| matches!(note, Note::UnendedRow { .. } | Note::MalformedRows { .. });
+        let is_reported = summary.notes.iter().any(is_loss);
+        assert_eq!(is_reported, !text[..length].ends_with('\n'), "{length}: {:?}", summary.notes);
+    }
+    // A complete row needs no line end.
+    let summary = folder.import(&[folder.file("cut.csv", text.trim_end())], None).unwrap().summary;
+    assert!(summary.rows == 3 && summary.notes.contains(&Note::UnendedRow { line: 4 }), "{summary:?}");
+}
+
+#[test]
 fn log_with_any_byte_damaged_does_not_panic() {
     let (folder, log) = (Folder::new(), complete_log().0);
     for index in 0..log.len() {
