@@ -23,6 +23,7 @@
 use core::f64::consts::PI;
 
 use super::{
+    heading::Drift,
     initial_velocity::InitialVelocityEstimator,
     level::{LoopError, LoopResponse},
     noise::{self, InnovationNoise},
@@ -115,6 +116,13 @@ const FORCE_CORRELATION: (f64, f64) = (1.0, 4.0);
 /// Lower and upper limit for the number of successive velocity innovations that count as one
 /// independent innovation. It is large because a velocity keeps its direction for seconds.
 const VELOCITY_CORRELATION: (f64, f64) = (10.0, 20.0);
+
+/// Largest square of a drift that is expected, in variances of drift and bias.
+const MAX_DRIFT2: f64 = 9.0;
+/// Largest variance of a drift that is used, as a fraction of the variance of the bias about the
+/// vertical. A drift known as well as the bias contains no new information: the bias may have been
+/// derived from it.
+const MAX_DRIFT_VARIANCE_FRACTION: f64 = 0.25;
 
 /// Number of states.
 const STATES: usize = 10;
@@ -521,8 +529,7 @@ impl GyroErrorFilter {
         let initial = self.initial_velocity.observe(self.tilt_rad, variance, interval_s, t2_s);
         self.tilt_rad -= initial.tilt;
         self.tilt_sd_rad = libm::sqrt(0.5 * self.tilt_rad.norm_sqr() + variance);
-        let error = LoopError { tilt: error.tilt + initial.tilt, velocity: error.velocity + initial.velocity };
-        UpdateOutcome { error, acceleration: innovation, is_restarted: false }
+        UpdateOutcome { error: error + initial, acceleration: innovation, is_restarted: false }
     }
 
     /// Propagates the filter to the end of the interval and returns the innovation of the force.
@@ -618,9 +625,8 @@ impl GyroErrorFilter {
         let first = LoopError { tilt: tilt * self.tilt_sensitivity[0], velocity: tilt * self.tilt_sensitivity[1] };
         self.loop_sensitivity.iter().zip(change.fixed_rows::<GYRO_ERRORS>(BIAS).iter()).fold(
             first,
-            |sum, (sensitivity, change)| LoopError {
-                tilt: sum.tilt + sensitivity.tilt * *change,
-                velocity: sum.velocity + sensitivity.velocity * *change,
+            |sum, (sensitivity, change)| {
+                sum + LoopError { tilt: sensitivity.tilt * *change, velocity: sensitivity.velocity * *change }
             },
         )
     }
@@ -765,6 +771,39 @@ impl GyroErrorFilter {
         let gain = column * scale;
         self.covariance -= gain * gain.transpose();
         gain * (innovation * scale)
+    }
+
+    /// Returns `true` if the prior of the bias was wide.
+    pub(super) fn has_wide_prior(&self) -> bool {
+        self.max_bias_sd_rad_s > MAX_BIAS_SD_RAD_S
+    }
+
+    /// Applies the drift of the heading as a measurement of the bias error about the vertical. `up`
+    /// is the vertical in body axes.
+    ///
+    /// Returns the change of the bias about the vertical, rad/s, and the error of the loop, or
+    /// `None` if the drift is not much better known than the bias. If the drift is far outside its
+    /// standard deviations, the bias about the vertical counts as unknown.
+    pub(super) fn observe_vertical_bias(&mut self, up: Vector3<f64>, drift: &Drift) -> Option<(f64, LoopError)> {
+        let Drift { rate_rad_s, variance_rad2_s2 } = *drift;
+        let bias_sd_rad_s = self.bias_sd_about(up);
+        let (rate2, bias_variance) = (rate_rad_s * rate_rad_s, bias_sd_rad_s * bias_sd_rad_s);
+        let is_unexpected = rate2 > MAX_DRIFT2 * (bias_variance + variance_rad2_s2);
+        let added_variance = if is_unexpected { rate2 } else { 0.0 };
+        if variance_rad2_s2 > MAX_DRIFT_VARIANCE_FRACTION * (bias_variance + added_variance) {
+            return None;
+        }
+        let mut bias_covariance = self.covariance.fixed_view_mut::<3, 3>(BIAS, BIAS);
+        bias_covariance += up * up.transpose() * added_variance;
+        let column = self.covariance.fixed_columns::<3>(BIAS) * up;
+        let scale = 1.0 / libm::sqrt(bias_variance + added_variance + variance_rad2_s2);
+        let gain = column * scale;
+        self.covariance -= gain * gain.transpose();
+        let change = gain * (rate_rad_s * scale);
+        let error = self.loop_error(&change);
+        self.apply(&change);
+        self.tilt_rad -= error.tilt;
+        Some((change.fixed_rows::<3>(BIAS).dot(&up), error))
     }
 
     /// Sets the bias from a direct measurement at rest.

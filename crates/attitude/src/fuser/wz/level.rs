@@ -47,6 +47,14 @@ pub(super) struct LoopError {
     pub(super) velocity: Complex<f64>,
 }
 
+impl core::ops::Add for LoopError {
+    type Output = Self;
+
+    fn add(self, other: Self) -> Self {
+        Self { tilt: self.tilt + other.tilt, velocity: self.velocity + other.velocity }
+    }
+}
+
 /// Evolution of the loop's error over an interval: E' = −W/(T1 T2), W' = E − W/T1. E is the tilt
 /// error, and W is the velocity error divided by g.
 #[derive(Debug, Clone, Copy, PartialEq)]

@@ -197,10 +197,11 @@ impl Wz {
         if let Some(found) = found {
             self.gyro_errors = found;
             let remaining = self.gyro_errors.take_over(input.loop_velocity_s - error.velocity);
-            error = LoopError { tilt: error.tilt + remaining.tilt, velocity: error.velocity + remaining.velocity };
+            error = error + remaining;
             let up = self.level.attitude().up.direction();
             self.heading.invalidate_by_drift(self.gyro_errors.bias_sd_about(up));
         }
+        error = error + self.observe_vertical_bias();
         self.level.adapt(&MotionObservation {
             acceleration,
             tilt_error_rad: self.gyro_errors.tilt_error_rad(),
@@ -209,6 +210,20 @@ impl Wz {
             interval_s,
         });
         self.level.apply_correction(error)
+    }
+
+    /// Corrects the bias about the vertical by the drift of the gyro heading, if only the movement
+    /// has shown the bias. The force does not show this component. Returns the error of the loop.
+    fn observe_vertical_bias(&mut self) -> LoopError {
+        if !self.gyro_errors.has_wide_prior() || self.wide_bias.is_bias_known() {
+            return LoopError::default();
+        }
+        let up = self.level.attitude().up.direction();
+        let observed = self.heading.drift().and_then(|drift| self.gyro_errors.observe_vertical_bias(up, &drift));
+        let Some((change_rad_s, error)) = observed else { return LoopError::default() };
+        self.heading.subtract_drift(change_rad_s);
+        self.wide_bias.restart();
+        error
     }
 
     #[inline(always)]

@@ -18,11 +18,11 @@ pub(super) struct Set {
 
 /// Sets of recordings to be scored.
 pub(super) const SETS: [Set; 5] = [
-    Set { name: "BROAD", folder: "broad", prefix: "", limits_deg: [1.78, 1.63, 0.56] },
+    Set { name: "BROAD", folder: "broad", prefix: "", limits_deg: [1.75, 1.60, 0.56] },
     Set { name: "TUM VI", folder: "tumvi", prefix: "", limits_deg: [0.0, 0.0, 0.81] },
     Set { name: "Nexus 5 calm", folder: "phones", prefix: "nexus5_calm", limits_deg: [2.75, 2.60, 0.93] },
-    Set { name: "Nexus 5 magnets", folder: "phones", prefix: "nexus5_magnets", limits_deg: [4.7, 4.6, 0.95] },
-    Set { name: "iPhone 5", folder: "phones", prefix: "iphone5_calm", limits_deg: [11.2, 10.8, 2.75] },
+    Set { name: "Nexus 5 magnets", folder: "phones", prefix: "nexus5_magnets", limits_deg: [4.5, 4.4, 0.95] },
+    Set { name: "iPhone 5", folder: "phones", prefix: "iphone5_calm", limits_deg: [9.2, 8.7, 2.75] },
 ];
 
 /// A recording of a set.

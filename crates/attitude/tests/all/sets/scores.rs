@@ -112,6 +112,14 @@ pub(super) fn run(stage: &str, recording: &Recording) -> Scores {
     scores
 }
 
+/// Returns the gyro bias that a stage has found after `t_s` seconds of a recording, or at its end.
+pub(super) fn bias_at(stage: &str, recording: &Recording, t_s: f64) -> Vector3<f64> {
+    let mut chain = Chain::new(stage);
+    let start_ns = recording.rows[0].t_ns;
+    let rows = recording.rows.iter().take_while(|row| (row.t_ns - start_ns) as f64 * 1e-9 <= t_s);
+    rows.map(|row| chain.step(row).bias_rad_s).last().unwrap()
+}
+
 /// Means over the recordings of a set, and the quantiles of their normalised errors relative to
 /// those of a normal distribution.
 pub(super) struct SetScores {

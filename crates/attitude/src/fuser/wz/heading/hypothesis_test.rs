@@ -175,6 +175,11 @@ impl HypothesisTest {
         });
     }
 
+    /// Subtracts a rate from the drift rate.
+    pub(super) fn subtract_drift(&mut self, rate_rad_s: f64) {
+        self.for_each_filter(|filter| filter.x[BETA] -= rate_rad_s);
+    }
+
     /// Adds a variance to the gyro heading, rad².
     pub(super) fn add_heading_variance(&mut self, variance_rad2: f64) {
         self.for_each_filter(|filter| filter.add_heading_variance(variance_rad2));

@@ -108,8 +108,17 @@ const MAX_LINEAR_RAD: f64 = 0.3;
 const VIBRATION_SD_RAD: f64 = 0.06;
 /// Averaging time of the vibration, s.
 const VIBRATION_MEMORY_S: f64 = 10.0;
+/// Standard deviation above which the drift of the gyro heading is uncertain, rad/s (0.6 °/s).
+const MAX_DRIFT_SD_RAD_S: f64 = 0.01;
 /// Largest heading correction that is applied gradually, rad (1°). A larger one is a flagged jump.
 const MAX_SMOOTHED_RAD: f64 = 0.017_453_293;
+
+/// Drift of the gyro heading.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Drift {
+    pub(super) rate_rad_s: f64,
+    pub(super) variance_rad2_s2: f64,
+}
 
 /// Effect of a tick on the heading.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
@@ -248,6 +257,20 @@ impl Heading {
     pub(super) fn invalidate_by_drift(&mut self, drift_sd_rad_s: f64) {
         self.realign();
         self.hypothesis_test.reset_drift(drift_sd_rad_s);
+    }
+
+    /// Returns the drift of the gyro heading, or `None` if it is uncertain or the last field was
+    /// rejected.
+    pub(super) fn drift(&self) -> Option<Drift> {
+        let is_known = self.started && self.heading_known && !self.disturbed;
+        is_known
+            .then(|| self.hypothesis_test.main.drift())
+            .filter(|drift| drift.variance_rad2_s2 < MAX_DRIFT_SD_RAD_S * MAX_DRIFT_SD_RAD_S)
+    }
+
+    /// Subtracts a rate from the drift, because the gyro bias now contains it.
+    pub(super) fn subtract_drift(&mut self, rate_rad_s: f64) {
+        self.hypothesis_test.subtract_drift(rate_rad_s);
     }
 
     /// Handles a bias that a rest has shown to be far from its estimate, which invalidates the gyro
