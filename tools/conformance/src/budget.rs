@@ -13,9 +13,9 @@ use crate::report::Check;
 
 /// Time for the checks of a stage.
 pub(crate) struct Budget<'a> {
-    /// End of the time; `None` if there is no limit.
+    /// Deadline of all checks; `None` if there is no limit.
     end: Option<Instant>,
-    /// End of the share of the current group.
+    /// Deadline of the current group.
     group_end: Cell<Option<Instant>>,
     /// Number of checks of the current group that have started.
     started: Cell<u64>,

@@ -57,8 +57,8 @@ const LIMIT_REPETITIONS: usize = 3;
 /// Maximum number of times that the recording is doubled to find a duration that determines a
 /// coefficient.
 const MAX_DOUBLINGS: u32 = 6;
-/// Excess of χ² over its mean above which the model does not describe the deviations, in standard
-/// deviations of χ².
+/// Limit for the misfit of the model: the difference between χ² and its mean, in standard
+/// deviations of χ². Above the limit, the model does not describe the deviations.
 const MAX_MISFIT: f64 = 4.0;
 /// Maximum number of motions that a message lists.
 const MAX_LISTED: usize = 5;
@@ -68,7 +68,8 @@ const MAX_LISTED: usize = 5;
 pub struct NoiseCalibrator {
     intake: Intake,
     rows: Vec<Row>,
-    /// Sum of the times, relative to the first one, and of the values that form the next row.
+    /// Sums of the values and of the times of the readings that form the next row, with the number
+    /// of these readings. The times are relative to the first reading of the row.
     sum: Option<(Row, i64, u32)>,
     /// Binary logarithm of the number of readings per row.
     halvings: u32,

@@ -71,7 +71,8 @@ pub(super) fn fit(taus_s: &[f64], variances: &[f64], covariances: &Covariances) 
     })
 }
 
-/// Returns the standard deviations of the coefficients that a fit would have.
+/// Returns the standard deviations that a fit would have if the true coefficients were
+/// `coefficients`.
 pub(super) fn expected_sds(
     taus_s: &[f64],
     coefficients: &Coefficients,
