@@ -6,8 +6,9 @@
 //! each axis with confidence intervals, the Allan deviations, and parameters of a fuser; see
 //! [`NoiseReport`].
 //!
-//! Failure: readings with too short rests, a varying rate or a constant axis are rejected. A
-//! coefficient that the readings do not determine is reported as such, with an upper limit.
+//! Failure: readings are rejected if the rests are too short, the rate varies, an axis is constant
+//! or the model cannot be fitted to an axis. A coefficient that the readings do not determine is
+//! reported as such, with an upper limit.
 //!
 //! The Allan deviations are fitted from τ = 1 s on. At shorter τ, the low-pass filter of the
 //! sensor, repeated values and quantisation change the deviations.
@@ -103,8 +104,9 @@ impl NoiseCalibrator {
     ///
     /// # Errors
     ///
-    /// Returns a [`Rejection`] that lists what is missing if the readings have too short rests, a
-    /// rate that is not constant or out of range, or a constant axis.
+    /// Returns a [`Rejection`] that lists what is missing. Readings are rejected if the rests are
+    /// too short, the rate varies or is out of range, an axis is constant, or the model cannot be
+    /// fitted to the noise of an axis.
     pub fn finish(&self, stage: &str) -> Result<NoiseReport, Rejection> {
         let Some(timing) = Timing::new(&self.rows) else {
             return Err(rejection(0.0, "no readings".into(), vec![needed_rest(MIN_TOTAL_S)]));
