@@ -7,7 +7,7 @@
 //! Output: records.
 //!
 //! Failure: a malformed line yields an error with its position, and reading continues with the next
-//! line. If the file is damaged, it ends at the damage ([`CsvReader::damage`]).
+//! line. If the file is damaged, reading ends at the damage ([`CsvReader::damage`]).
 
 use std::{
     cell::Cell,

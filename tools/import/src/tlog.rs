@@ -8,8 +8,8 @@
 //! tried last.
 //!
 //! Time: the autopilot's clock, or the times of arrival if that clock never changes. The message of
-//! a fix may have another clock. A fix is therefore placed by its time of arrival relative to that
-//! of the latest sample, and so is an attitude if the samples have UNIX time.
+//! a fix may use another clock than the samples. A fix is therefore placed by its time of arrival
+//! relative to that of the latest sample, and so is an attitude if the samples have UNIX time.
 //!
 //! Memory: a buffer for each series.
 //!
