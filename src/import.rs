@@ -175,7 +175,7 @@ pub(crate) struct ReadableFile {
     pub(crate) path: PathBuf,
     /// Path of the file that the user named.
     user_path: PathBuf,
-    /// Format of that file.
+    /// Format of the file that the user named.
     format: Format,
     /// Warning that is printed at the end of the run.
     warning: Option<String>,

@@ -90,7 +90,7 @@ pub(crate) struct Score {
     /// Attitudes of another program to score as well; repeatable
     #[arg(long = "estimate", value_name = "NAME=FILE", value_parser = parse_estimate)]
     estimates: Vec<(String, PathBuf)>,
-    /// Estimate with an arbitrary heading, repeatable
+    /// Name of an --estimate with an arbitrary heading, repeatable
     #[arg(long = "arbitrary-heading", value_name = "NAME", requires = "estimates")]
     arbitrary_headings: Vec<String>,
     /// Meaning of a rate sample: mean or end value [default: means]

@@ -1,8 +1,8 @@
 //! Standard output.
 //!
 //! - Failure: a closed pipe, as with `head`, ends the output without an error. While a pipe or
-//!   terminal is full, a signal ends the process. If the signal came earlier and has ended a run,
-//!   the rest of the output is dropped after a time limit.
+//!   terminal is full, a signal ends the process. If a signal has already ended a run when the
+//!   output becomes full, the rest of the output is dropped after a time limit.
 
 use std::{
     fmt::Display,

@@ -13,8 +13,9 @@ use std::{
 
 use control::{ControlError, ControlRequest, ServiceStatus, send_request};
 
-/// Pause before each request. It limits the rate of requests. A result waits until it is read, so
-/// one that is read once per second is at most about a second old.
+/// Pause before each request. It limits the rate of requests. The next request is sent only after
+/// the result of the previous one was read. Results that are read once per second are therefore at
+/// most about one second old.
 const REQUEST_PAUSE: Duration = Duration::from_millis(500);
 
 type Statuses = Result<Vec<ServiceStatus>, ControlError>;

@@ -23,7 +23,7 @@ pub(crate) struct TopCommand {
     /// Interval between two updates, such as 500ms
     #[arg(long, value_name = "TIME", default_value = "1s", value_parser = duration)]
     pub(super) interval: Duration,
-    /// Number of updates before stopping, printed as lines
+    /// Number of updates before stopping; prints them as lines
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(1..))]
     pub(super) count: Option<u64>,
     /// Time before stopping, such as 10s [default: until q or Ctrl-C]

@@ -51,10 +51,10 @@ pub(crate) struct View {
     remote: Option<Option<String>>,
     #[command(flatten)]
     endpoint: EndpointArgs,
-    /// Listening address, or the next free port [default: 127.0.0.1:8088]
+    /// Address to listen on, or its next free port [default: 127.0.0.1:8088]
     #[arg(long, value_name = "ADDRESS", value_parser = parse_address)]
     listen: Option<SocketAddr>,
-    /// Folder of `plumb keys vehicle NAME --host HOST` for serving over TLS
+    /// Folder created by `plumb keys vehicle NAME --host HOST`, for TLS
     #[arg(long, value_name = "FOLDER")]
     tls: Option<PathBuf>,
     /// Print a read-only address, which cannot send commands

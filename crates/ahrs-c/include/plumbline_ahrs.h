@@ -308,7 +308,7 @@ typedef uint32_t PlumblineSlot;
 #endif // __cplusplus
 
 /*
- Sensor with a calibration.
+ Sensor that can be calibrated.
  */
 enum PlumblineSensor
 #if defined(__cplusplus) || __STDC_VERSION__ >= 202311L

@@ -40,7 +40,7 @@ pub enum PlumblineSlot {
     Course = 3,
 }
 
-/// Sensor with a calibration.
+/// Sensor that can be calibrated.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 #[repr(u32)]
 pub enum PlumblineSensor {

@@ -44,7 +44,8 @@ pub struct PlumblineAhrs {
     ahrs: Ahrs<Fuser>,
 }
 
-/// The caller releases its memory without calling a destructor.
+/// Asserts that a filter needs no destructor, because the caller of plumbline_ahrs_init() releases
+/// the memory without calling one.
 const _: () = assert!(!core::mem::needs_drop::<PlumblineAhrs>());
 
 impl PlumblineAhrs {

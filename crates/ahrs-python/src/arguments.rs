@@ -16,7 +16,7 @@ const SLOTS: [(&str, Slot); 4] =
 const SENSORS: [(&str, Sensor); 3] = [("gyro", Sensor::Gyro), ("accel", Sensor::Accel), ("mag", Sensor::Mag)];
 const RATE_KINDS: [(&str, RateKind); 2] = [("mean", RateKind::Mean), ("instant", RateKind::Instant)];
 
-/// Returns the value of a name.
+/// Returns the value of the choice with the given name.
 fn named<T: Copy>(argument: &str, choices: &[(&str, T)], name: &str) -> PyResult<T> {
     choices.iter().find(|(choice, _)| *choice == name).map(|(_, value)| *value).ok_or_else(|| {
         let names: Vec<_> = choices.iter().map(|(choice, _)| *choice).collect();
@@ -24,22 +24,22 @@ fn named<T: Copy>(argument: &str, choices: &[(&str, T)], name: &str) -> PyResult
     })
 }
 
-/// Returns the frame of a name.
+/// Returns the frame with the given name.
 pub(crate) fn frame(name: &str) -> PyResult<Frame> {
     named("frame", &Frame::NAMES, name)
 }
 
-/// Returns the slot of a name.
+/// Returns the slot with the given name.
 pub(crate) fn slot(name: &str) -> PyResult<Slot> {
     named("slot", &SLOTS, name)
 }
 
-/// Returns the sensor of a name.
+/// Returns the sensor with the given name.
 pub(crate) fn sensor(name: &str) -> PyResult<Sensor> {
     named("sensor", &SENSORS, name)
 }
 
-/// Returns the kind of rate samples with this name.
+/// Returns the kind of rate samples with the given name.
 pub(crate) fn rate_kind(name: &str) -> PyResult<RateKind> {
     named("gyro_samples", &RATE_KINDS, name)
 }
@@ -47,7 +47,7 @@ pub(crate) fn rate_kind(name: &str) -> PyResult<RateKind> {
 /// Orientation of the sensors in the body.
 #[derive(FromPyObject)]
 pub(crate) enum MountingArgument {
-    /// Name of the directions of the axes.
+    /// Name that gives the directions of the axes, such as `flu`.
     Name(String),
     /// Rotation matrix M, v_body = M v_sensor.
     Matrix(Rows),

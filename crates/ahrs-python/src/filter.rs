@@ -179,8 +179,8 @@ impl Ahrs {
     ///
     /// gyro_rad_s: body rates, rad/s, shape (n, 3). accel_m_s2: specific forces, m/s², shape (n,
     /// 3). field_ut: magnetic fields, µT, shape (n, 3). A row of NaN means that there is no sample.
-    /// dt_s: time before each sample, s: a number, or shape (n,). t_ns: in place of dt_s, time
-    /// stamps, ns, int64, shape (n,). frame: frame of the results.
+    /// dt_s: time before each sample, s: a number, or shape (n,). t_ns: in place of dt_s,
+    /// timestamps, ns, int64, shape (n,). frame: frame of the results.
     ///
     /// The result equals that of n calls of `update` or `update_at`. Arrays of float64 are not
     /// copied. Other threads must not change the arrays during the call.

@@ -47,9 +47,9 @@ pub struct Ahrs<F = MultipleModel> {
     pub(crate) course: SupervisedCourse<Course>,
     /// Sensor time of the newest reading, ns.
     pub(crate) t_ns: i64,
-    /// Field for the next reading.
+    /// Magnetic field that takes effect with the next reading, µT.
     pub(crate) pending_field_ut: Option<[f64; 3]>,
-    /// Fix for the next reading.
+    /// Fix that takes effect with the next reading.
     pub(crate) pending_fix: Option<ReceiverFix>,
     pub(crate) attitude: Attitude,
 }

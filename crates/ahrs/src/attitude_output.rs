@@ -25,7 +25,7 @@ pub struct Attitude {
 }
 
 impl Attitude {
-    /// Attitude before the first sample.
+    /// Returns the attitude before the first sample.
     pub(crate) fn unaligned() -> Self {
         let reading = CourseReading {
             quaternion: Quaternion::new(1.0, 0.0, 0.0, 0.0),

@@ -63,7 +63,7 @@ impl Slot {
     }
 }
 
-/// Sensor with a calibration.
+/// Sensor that can be calibrated.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Sensor {
     /// Gyro.

@@ -164,14 +164,14 @@ fn stage_error<S: Stage + Clone>(stage: &S) -> Option<&'static str> {
     stage.validation_error().or((!is_finite).then_some("a number that is not finite"))
 }
 
-/// Adapts a visitor of words to the numbers of a stage.
+/// Returns a visitor of numbers that passes the bits of each number to a visitor of words.
 fn as_numbers(visit: &mut dyn FnMut(&mut u64)) -> impl FnMut(&mut f64) {
     |number| StateWords::visit(number, visit)
 }
 
 const HASH_START: u64 = 0xcbf2_9ce4_8422_2325;
 
-/// FNV-1a hash.
+/// Continues the FNV-1a hash `start` over `bytes`.
 fn hash(start: u64, bytes: &[u8]) -> u64 {
     bytes.iter().fold(start, |sum, byte| (sum ^ u64::from(*byte)).wrapping_mul(0x100_0000_01b3))
 }

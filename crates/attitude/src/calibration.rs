@@ -17,8 +17,8 @@ use nalgebra::{Rotation3, UnitQuaternion};
 
 use crate::{Matrix3, Quaternion, Vector3, angles::Angles, frames::Body, state::Attitude};
 
-/// Maximum deviation of an element of M Mᵀ from the identity, with M the matrix of a mounting. The
-/// limit admits rotations given to three decimals.
+/// Maximum deviation of an element of M Mᵀ from that of the identity. M is the matrix of a
+/// mounting. The limit admits rotations given to three decimals.
 const ROTATION_TOLERANCE: f64 = 2e-3;
 
 /// Minimum volume spanned by the normalised rows of a calibration matrix. Below it, the rows count

@@ -52,8 +52,8 @@ impl Rotation {
     /// Subtracts a small rotation that is spread evenly over this one.
     ///
     /// The small rotation is given as half its rotation vector h, rad, body axes. The result is δ −
-    /// ½ (δ h + h δ). If this rotation is by 2θ, the error of the result is at most θ² |h|/3. The
-    /// result does not have unit length, which a Möbius map does not need.
+    /// ½ (δ h + h δ). If this rotation has the angle 2θ, the error of the result is at most θ²
+    /// |h|/3. The result does not have unit length, which a Möbius map does not need.
     #[inline]
     pub(crate) fn minus_half_angle(self, half_rad: Vector3<f64>) -> Self {
         let along = half_rad.x * self.s.re + half_rad.y * self.s.im + half_rad.z * self.p.im;

@@ -14,7 +14,7 @@ pub trait Scalars {
 
 /// Visits fields of `self` in the given order. Fields after `without` hold no state.
 ///
-/// A field in neither list does not compile, so that no part of a state is forgotten.
+/// A field that is in neither list causes a compile error, so that no part of a state is forgotten.
 macro_rules! visit_fields {
     ($self:ident, $visit:ident: $($field:ident),+ $(; without $($other:ident),+)?) => {
         let Self { $($field,)+ $($($other: _,)+)? } = $self;

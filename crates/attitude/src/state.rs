@@ -145,7 +145,7 @@ impl Attitude {
     ///
     /// `tilt` is a point of the level frame before the rotation. `azimuth` is the complex number of
     /// modulus 1 that converts the level frame to a frame that does not rotate about the vertical.
-    /// The returned axes are in the latter.
+    /// The returned axes refer to this second frame.
     ///
     /// With l the tilt and (p, s) the rotation, the composition of both maps is w⁺ = N/M and
     /// z⁺ = z + 2 arg M, where N = n + l m̄, M = m − l n̄, n = p̄ w + j s and m = p + j s̄ w. With

@@ -2,7 +2,7 @@
 //!
 //! Input: the limits of the machine.
 //!
-//! Output: confirmation, or the resource that is short and the remedy.
+//! Output: confirmation, or an error that names the insufficient resource and the remedy.
 //!
 //! Failure: a limit that cannot be read is assumed to be sufficient.
 

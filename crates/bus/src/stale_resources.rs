@@ -19,7 +19,8 @@ use crate::{
     system_name::{NAME_PREFIX, OWNER_START_TIMEOUT, POLL_INTERVAL, SHARED_MEMORY},
 };
 
-/// Extensions of segments with a predictable name: the state of a topic, and the number of nodes.
+/// Extensions of segments with a predictable name. The segments contain the state of a topic and
+/// the number of nodes.
 const RESERVED_KINDS: [&str; 2] = ["dynamic", "global_mgmt"];
 
 /// Files of one system and their state.
@@ -168,7 +169,8 @@ impl SystemName {
     }
 
     /// Checks that no other user has created a file that the system itself would create or open.
-    /// Other names contain random numbers, and a segment with such a name is created exclusively.
+    /// The names of the other files contain random numbers, and the system creates such a file only
+    /// if it does not exist.
     pub(crate) fn check_reserved_files(&self) -> Result<(), BusError> {
         let locks = [self.shared_state_path(), self.members_path(), self.root()];
         let observers: Vec<_> = (0..MAX_OBSERVERS).map(|number| self.observer_lock_path(number)).collect();

@@ -297,8 +297,8 @@ impl Claim {
 
     /// Releases the name and claims it again after the files were removed or damaged.
     ///
-    /// Only the number of the next tick of each topic is kept of the shared state. The caller must
-    /// ensure that no process has a bus resource open.
+    /// Of the shared state, only the next tick of each topic is kept. The caller must ensure that
+    /// no process has a bus resource open.
     ///
     /// # Errors
     ///

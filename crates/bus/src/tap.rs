@@ -17,7 +17,7 @@ const MAX_BUFFER: usize = 16_384;
 /// Subscription of an observer to a topic.
 #[derive(Debug)]
 pub struct Tap {
-    /// Released when the tap is dropped.
+    /// Port and topic, released when the tap is dropped.
     endpoint: Option<Endpoint>,
     session: Rc<ObserverSession>,
 }

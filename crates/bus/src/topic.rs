@@ -24,10 +24,11 @@ use crate::{
     wake::TopicWaker,
 };
 
-/// Interval, in calls of [`Subscriber::drain`], at which uncounted messages are read as well.
+/// Interval, in calls of [`Subscriber::drain`], at which messages that were not counted when they
+/// were published are read as well.
 const FULL_DRAIN_INTERVAL: u32 = 16;
-/// Number of calls at the start that all read uncounted messages, because history is delivered
-/// then.
+/// Number of initial calls of [`Subscriber::drain`] that all read messages that were not counted
+/// when they were published. History is delivered during these calls.
 const FULL_DRAINS_AT_START: u32 = 64;
 
 /// Membership of a process in the bus of a system.

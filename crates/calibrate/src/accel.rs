@@ -7,10 +7,10 @@
 //! and down once, determine bias and scale. Twelve or more positions also determine the
 //! misalignment.
 //!
-//! If there are no such rests, the errors are estimated while the unit is slowly rotated by hand
-//! through all positions; see `motion`. This is less accurate. Every direction has about the same
-//! weight, residuals have Huber weights, and the standard deviations are computed from the
-//! residuals.
+//! If the rests do not cover these six positions, the errors are estimated while the unit is slowly
+//! rotated by hand through all positions; see `motion`. This is less accurate. Every direction has
+//! about the same weight, residuals have Huber weights, and the standard deviations are computed
+//! from the residuals.
 
 use attitude::{Matrix3, Vector3};
 use nalgebra::{SMatrix, SVector};

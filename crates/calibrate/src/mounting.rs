@@ -164,7 +164,7 @@ fn find_poses(held: &[&Rest], is_pair: fn(&Rest, &Rest) -> bool) -> Option<Poses
     })
 }
 
-/// Returns `true` if the angle between the poses is that of a level and a nose-down one.
+/// Returns `true` if the angle between the poses is possible for a level and a nose-down pose.
 fn is_pair(level: &Rest, nose_down: &Rest) -> bool {
     let (min, max) = POSE_ANGLE_RANGE_DEG;
     (min..=max).contains(&degrees_between(&level.force_m_s2(), &nose_down.force_m_s2()))

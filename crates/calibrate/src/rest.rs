@@ -1,7 +1,8 @@
 //! Detection of rests, and uncertainty of their means.
 //!
 //! Readings are grouped into blocks of a quarter of a second. A block is quiet if its standard
-//! deviations of rate and force are at most a few times the 10th percentile of all blocks.
+//! deviations of rate and force are at most a few times the 10th percentiles of these deviations
+//! over all blocks.
 //!
 //! A rest is a run of quiet blocks with constant mean rate and mean force. A steady turn is not a
 //! rest, because the direction of gravity changes in sensor axes. The first and the last block of a

@@ -1,12 +1,13 @@
 //! u-blox receivers: UBX-NAV-PVT.
 //!
 //! A frame consists of 0xB5 0x62, class, id, a two-byte length, the payload and a two-byte Fletcher
-//! checksum. A NAV-PVT yields a fix. It has 92 bytes since u-blox 8, and 84 bytes before:
+//! checksum. A NAV-PVT has 92 bytes since u-blox 8 and had 84 bytes before. It yields a fix:
 //!
 //! - `velN`, `velE`, `velD` give the velocity east, north, up.
 //! - `sAcc` gives the standard deviation. It is at least [`crate::ASSUMED_VERTICAL_SD_M_S`] for a
 //!   two-dimensional fix, whose vertical velocity is assumed.
-//! - `lat`, `lon`, `hMSL` give the position unless marked invalid, which the short form cannot.
+//! - `lat`, `lon`, `hMSL` give the position unless it is marked invalid. The short form has no such
+//!   mark.
 //! - Date and time give the UNIX time if both are valid.
 //!
 //! A message yields a fix only if `gnssFixOK` is set. Other frames are counted. NMEA and RTCM

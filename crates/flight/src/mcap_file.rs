@@ -290,12 +290,12 @@ impl Body {
         self.bytes32(text.as_bytes())
     }
 
-    /// Adds bytes after their number as 32 bits.
+    /// Adds the number of bytes as 32 bits, then the bytes.
     fn bytes32(self, bytes: &[u8]) -> Self {
         self.u32(bytes.len() as u32).raw(bytes)
     }
 
-    /// Adds bytes after their number as 64 bits.
+    /// Adds the number of bytes as 64 bits, then the bytes.
     fn bytes64(self, bytes: &[u8]) -> Self {
         self.u64(bytes.len() as u64).raw(bytes)
     }
@@ -326,7 +326,7 @@ fn write_record(bytes: &mut Vec<u8>, code: u8, parts: &[&[u8]]) {
     parts.iter().for_each(|part| bytes.extend_from_slice(part));
 }
 
-/// Converts a number of schemas or channels.
+/// Converts the number of a schema or channel to an identifier. Fails if there are too many.
 fn identifier(number: u32) -> io::Result<u16> {
     u16::try_from(number).map_err(|_| io::Error::other("more than 65535 schemas or channels"))
 }

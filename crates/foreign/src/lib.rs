@@ -2,7 +2,7 @@
 //!
 //! Input: any text.
 //!
-//! Output: [`ForeignText`], which is printed without effect on a terminal, a log or a page.
+//! Output: [`ForeignText`], which cannot control a terminal, a log or a page when it is printed.
 //!
 //! Failure: bytes that are not UTF-8 are replaced by U+FFFD.
 #![forbid(unsafe_code)]

@@ -233,7 +233,7 @@ impl Child {
 impl Child {
     /// Waits for the exit of the program and returns its status, or `None` on a timeout.
     ///
-    /// The process is not reaped. Until it is, no other process group has its number.
+    /// The process is not reaped, so that no other process group can get its number.
     fn wait_for_exit(&self, timeout: Duration) -> Option<ExitStatus> {
         let id = WaitId::Pid(Pid::from_raw(self.process.id() as i32)?);
         let options = WaitIdOptions::EXITED | WaitIdOptions::NOHANG | WaitIdOptions::NOWAIT;

@@ -1,4 +1,4 @@
-//! Output of a stage program, printed without effect on the terminal.
+//! Output of a stage program, printed so that it cannot control the terminal.
 //!
 //! Input: what the program writes to standard output and standard error.
 //!

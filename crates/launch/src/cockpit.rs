@@ -34,7 +34,7 @@ keys! {
         /// Folder for the recordings that an operator starts on the page. If it is not set, no
         /// recording can be started.
         recordings: Option<PathBuf> = None, Optional(File), example r#""flights""#;
-        /// Size at which such a recording ends.
+        /// Size at which the recording ends.
         recording_max_mib: u64 = 4096, 1..=1_000_000, unit "MiB";
     }
 }

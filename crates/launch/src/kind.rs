@@ -62,12 +62,12 @@ pub(crate) struct OneOf<'n, T> {
     docs: &'static [&'static str],
 }
 
-/// One of the names of `T`.
+/// Returns the kind of a key that takes one of the names of `T`.
 pub(crate) fn choice<T: Named + Clone>() -> OneOf<'static, T> {
     OneOf { names: T::NAMES.to_vec(), docs: T::DOCS }
 }
 
-/// One of the given names.
+/// Returns the kind of a key that takes one of the given names.
 pub(crate) fn one_of<'n, T>(names: impl IntoIterator<Item = (&'n str, T)>) -> OneOf<'n, T> {
     OneOf { names: names.into_iter().collect(), docs: &[] }
 }
@@ -87,7 +87,7 @@ impl<T: Clone + PartialEq> Kind<T> for OneOf<'_, T> {
 /// An array of names.
 pub(crate) struct ManyOf<T>(Vec<(&'static str, T)>);
 
-/// An array of the given names.
+/// Returns the kind of a key that takes an array of the given names.
 pub(crate) fn many_of<T>(names: impl IntoIterator<Item = (&'static str, T)>) -> ManyOf<T> {
     ManyOf(names.into_iter().collect())
 }
@@ -125,7 +125,8 @@ impl<T> Kind<T> for Text<T> {
     }
 }
 
-/// A string for which `accepts` returns a value. An empty default stands for a key that is not set.
+/// Returns the kind of a key that takes a string for which `accepts` returns a value. An empty
+/// default stands for a key that is not set.
 pub(crate) const fn text(expected: &'static str, accepts: fn(&str) -> Option<String>) -> Text<String> {
     Text { expected, parse: accepts, show: |text| Some(text.clone()).filter(|text| !text.is_empty()) }
 }

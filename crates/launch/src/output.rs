@@ -13,7 +13,7 @@ keys! {
         /// Reference and body axes: "enu-rfu" is east-north-up and right-forward-up, "enu-flu" is
         /// that of ROS, "ned-frd" that of PX4 and ArduPilot.
         frame: Frame = Frame::default(), one_of(Frame::NAMES);
-        /// Order of a quaternion's components in formats that do not name them, unlike protobuf.
+        /// Order of a quaternion's components in formats that do not name the components.
         quaternion: QuaternionOrder = QuaternionOrder::default(), one_of(QuaternionOrder::NAMES);
     }
 }

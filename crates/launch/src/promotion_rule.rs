@@ -30,7 +30,8 @@ keys! {
         promote_below_deg: f64 = 0.0, 0.0..=180.0, unit "°", example "0.5";
         /// Time for which the difference must stay below `promote_below_deg` before the promotion.
         promote_after_s: f64 = 10.0, AFTER_S, unit "s";
-        /// Threshold above which a promotion is rolled back. Larger than `promote_below_deg`.
+        /// Threshold above which a promotion is rolled back. Must be larger than
+        /// `promote_below_deg`.
         rollback_above_deg: f64 = 180.0, 0.0..=180.0, unit "°", example "2";
         /// Time for which the difference must stay above `rollback_above_deg` before the rollback.
         rollback_after_s: f64 = 1.0, AFTER_S, unit "s";

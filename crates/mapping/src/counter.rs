@@ -21,7 +21,8 @@ pub fn wrap_ns(period_ns: Option<i64>, last_ns: i64, t_ns: i64) -> Option<i64> {
 }
 
 /// Periods of narrower counters, ns: 16 bits of ms, 24 and 31 bits of µs, 31 bits of ms, and 32
-/// bits of ns. They are short enough for a restart to look like a wrap unless its step is compared.
+/// bits of ns. They are so short that a restart of the device could be mistaken for a wrap. The
+/// step is therefore compared as well.
 const NARROW_PERIODS_NS: [i64; 5] =
     [(1 << 16) * 1_000_000, (1 << 24) * 1_000, (1 << 31) * 1_000, (1 << 31) * 1_000_000, 1 << 32];
 

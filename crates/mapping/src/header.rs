@@ -178,7 +178,7 @@ pub enum HeaderError {
         /// List of units that resolves the error.
         remedy: String,
     },
-    /// Column names give no unit, although there is no usual unit for a quantity with these names.
+    /// The column names give no unit for a quantity, and the names do not imply a usual unit.
     #[error("the column names {} state no unit", names.iter().map(|name| format!("{name:?}")).collect::<Vec<_>>().join(", "))]
     MissingUnits {
         /// A column of each quantity.

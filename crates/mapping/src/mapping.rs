@@ -169,8 +169,9 @@ impl Mapping {
     /// Each element of `maps` is one pair, such as `gx=gyro_x`, or several separated by commas.
     /// With several files the column is given as `FILE:COLUMN`. `units` is a list in any order,
     /// such as `deg/s,g,gauss,ms`; the defaults are rad/s, m/s2, uT and s. `frame` names the body
-    /// axes of the file, by default `rfu`. If a reference is mapped, it also names the earth axes,
-    /// as in `ned-frd`. If `maps` is empty, each target is mapped to the column with the same name.
+    /// axes of the file, by default `rfu`. If a reference is mapped, `frame` must also name the
+    /// earth axes, as in `ned-frd`. If `maps` is empty, each target is mapped to the column with
+    /// the same name.
     ///
     /// # Errors
     ///

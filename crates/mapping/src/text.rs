@@ -112,8 +112,9 @@ impl<'a> Line<'a> {
     }
 }
 
-/// Returns `true` if `line` is a row of values: with one of the separators, at least half of its
-/// fields, and at least two, are numbers or times.
+/// Returns `true` if `line` is a row of values. In such a row, at least two of the fields, and at
+/// least half of those that are not blank, are numbers or times. It is sufficient if this holds for
+/// one of the separators.
 pub fn is_row(line: &str) -> bool {
     Separator::ALL.into_iter().any(|separator| {
         let fields = separator.fields(line);
@@ -301,7 +302,7 @@ fn calendar_ns(text: &str) -> Option<i64> {
 }
 
 /// Parses the year, month and day of a date: `2026-05-01`, `2026/05/01`, `20260501` or
-/// `01.05.2026`. The order of a date such as `05/01/2026` is ambiguous.
+/// `01.05.2026`. A date such as `05/01/2026` is rejected, because its order is ambiguous.
 fn date_parts(date: &str) -> Option<(i64, i64, i64)> {
     let number = |text: &str, digits: usize| -> Option<i64> {
         (text.len() == digits && text.bytes().all(|byte| byte.is_ascii_digit())).then(|| text.parse().ok())?

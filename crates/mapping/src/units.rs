@@ -75,8 +75,8 @@ impl Unit {
 
 /// Returns the unit of the field in which `magnitude` is about that of the Earth's field, if any.
 pub fn unit_of_earth_field(magnitude: f64) -> Option<&'static str> {
-    /// The Earth's field of 22 to 67 µT, with an allowance for iron. Less than a decade, because
-    /// some units differ by a factor of ten.
+    /// The Earth's field of 22 to 67 µT, with an allowance for iron. The range spans less than a
+    /// factor of ten, because some units differ by this factor.
     const EARTH_FIELD_UT: std::ops::Range<f64> = 12.0..110.0;
     let is_field = |unit: Unit| matches!(unit, Unit::Field(factor) if EARTH_FIELD_UT.contains(&(magnitude * factor)));
     UNITS.into_iter().find(|(_, unit)| is_field(*unit)).map(|(name, _)| name)

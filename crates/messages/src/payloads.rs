@@ -538,7 +538,7 @@ named_values! {
         /// The supervisor missed the `ticks` attitudes before `tick`, because the topic overwrote
         /// them.
         NOT_RECORDED = 15 "not-recorded",
-        /// The files of the bus were removed, and a new bus has replaced it.
+        /// The files of the bus were removed, and a new bus has replaced the old one.
         BUS_RENEWED = 16 "bus-renewed",
         /// The system is shutting down and the source publishes no new ticks.
         ENDING = 17 "ending",

@@ -111,8 +111,8 @@ impl SystemRecording {
         None
     }
 
-    /// Attaches to the renewed bus of the same system. Returns `None` while it is awaited or once
-    /// it is attached, otherwise the reason why there is no bus.
+    /// Attaches to the renewed bus of the same system. Returns `None` once the observer is attached
+    /// and while the bus is awaited, otherwise the reason why there is no bus.
     fn reattach(&mut self, supervisor: u32, since: Instant) -> Option<&'static str> {
         let is_alive = Path::new(&format!("/proc/{supervisor}")).exists();
         match Observer::attach(&self.system, "record") {

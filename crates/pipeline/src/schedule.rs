@@ -7,8 +7,9 @@
 //!
 //! Time: ticks.
 //!
-//! Failure: if the events leave something undetermined, the schedule has a [`ReplayWarning`]. From
-//! the tick of the warning onwards, the replayed attitude may differ from that of the flight.
+//! Failure: if the events do not show everything that affected the attitude, the schedule has a
+//! [`ReplayWarning`]. From the tick of the warning onwards, the replayed attitude may differ from
+//! that of the flight.
 
 use std::collections::BTreeMap;
 
@@ -74,7 +75,7 @@ impl Schedule {
         schedule
     }
 
-    /// Returns the warnings about facts that the events leave undetermined.
+    /// Returns the reasons why the replayed attitude may differ from that of the flight.
     pub fn warnings(&self) -> &[ReplayWarning] {
         &self.warnings
     }

@@ -15,8 +15,8 @@ use proc_macro::TokenStream;
 
 /// Reason with which `cargo test` lists an ignored test.
 const REASON: &str = "needs recordings; see Suites in CONTRIBUTING.md";
-/// Number of folders above a package that may contain the recordings: from `crates/NAME`, the third
-/// one contains the workspace.
+/// Number of folders above a package in which the recordings are searched for. The third folder
+/// above `crates/NAME` is the one that contains the workspace.
 const MAX_LEVELS: usize = 3;
 
 /// Marks a function as a test that needs recordings. If they are missing, the test is ignored.

@@ -5,8 +5,8 @@
 //! writes them, and optionally `mov`.
 //!
 //! Output: the attitude at a given time, interpolated between two rows along the shortest rotation.
-//! If the rows are slow and the rotation between them is large, each attitude is used once, at its
-//! own time.
+//! If the intervals between the rows are long and the rotation between two rows is large, each
+//! attitude is used once, at its own time.
 //!
 //! Time: the recording's clock. Requested times must not decrease.
 //!
@@ -27,7 +27,8 @@ const KNOWN: [&str; 6] = ["t_s", "qw", "qx", "qy", "qz", SCORED];
 /// Longest interval between two rows across which the attitude is always interpolated, ns.
 pub const MAX_GAP_NS: i64 = 200_000_000;
 /// Longest interval between two rows across which the attitude is interpolated if the rotation
-/// between them is small, ns. It allows for references at 1 Hz.
+/// between them is small, ns. It allows for references at 1 Hz. Rows with such an interval are
+/// called slow.
 const MAX_SLOW_GAP_NS: i64 = 1_100_000_000;
 /// Cosine of half the largest rotation across which slow rows are interpolated: 5°.
 const MIN_HALF_ROTATION_COS: f64 = 0.999_048_221_581_857_8;

@@ -75,8 +75,9 @@ const MIN_SCALE_SD: f64 = 0.002;
 /// plausible magnitude, the factor from the unit of the estimate to that of the magnitude, and this
 /// unit. [`Estimate::validate`] limits the gyro scale error.
 ///
-/// A larger value is a damaged or forged file rather than a sensor: the zero-rate level of consumer
-/// gyros is within a few °/s, and a field of 1000 µT exceeds that of the Earth 20 times.
+/// A larger value comes from a damaged or forged file rather than from a sensor: the zero-rate
+/// level of consumer gyros is within a few °/s, and a field of 1000 µT exceeds that of the Earth 20
+/// times.
 const PLAUSIBLE: [(&str, f64, f64, &str); 2] =
     [("gyro bias", 15.0, 180.0 / std::f64::consts::PI, "°/s"), ("hard iron", 1000.0, 1.0, "µT")];
 

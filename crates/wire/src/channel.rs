@@ -1,4 +1,4 @@
-//! Channels for flight recordings and viewers: topic messages as time-stamped protobuf.
+//! Channels for flight recordings and viewers: topic messages as timestamped protobuf.
 //!
 //! Attitude and position are also offered in the message schemas of third-party viewers.
 //!

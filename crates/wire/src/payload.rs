@@ -148,8 +148,8 @@ impl Payload for Checkpoint {
         }
     }
 
-    /// The checksum is copied unchecked, because the process that restores the checkpoint verifies
-    /// it.
+    /// Converts a checkpoint without verifying its checksum, because the process that restores the
+    /// checkpoint verifies it.
     fn from_proto(proto: v1::Checkpoint) -> Result<Self, DecodeError> {
         let v1::Checkpoint { next_tick, checksum, service, incarnation, swapped, .. } = proto;
         let v1::Checkpoint { slot_words, common_words, stage_words, .. } = proto;

@@ -1,10 +1,10 @@
 //! Limits on the bytes that a client sends.
 //!
 //! Input: the bytes of a connection, after TLS.
-//! Output: the same bytes, delayed to [`RATE_PER_S`].
+//! Output: the same bytes, delayed so that their mean rate does not exceed [`RATE_PER_S`].
 //! Time: CLOCK_MONOTONIC, as measured by the runtime.
 //! Failure: a WebSocket whose message is incomplete after [`MAX_PARTIAL_BYTES`], framing included,
-//! is closed. This also limits empty fragments, which a limit on the message's size does not count.
+//! is closed. This also limits empty fragments, which do not count towards the size of a message.
 
 use std::{
     future::Future as _,

@@ -23,7 +23,7 @@
 //! | [`hub`] | distribution of snapshots to the viewers |
 //! | `metrics` | metrics in the text format of Prometheus |
 //! | [`server`] | connections and their limits |
-//! | `places` | places of the clients, with and without a token |
+//! | `places` | limits on the number of clients, with and without a token |
 //! | `inflow` | limits on what a client sends |
 //! | `foxglove` | WebSocket for Foxglove and Lichtblick, with the feature `foxglove` |
 //! | `guard` | protection against requests from foreign pages |

@@ -3,8 +3,9 @@
 //!
 //! Input: the address of each client, the use of its connection and the role that its token grants.
 //! Output: a place, or an error if the places of its class are taken.
-//! Failure: a class without a token admits every newcomer. The oldest client of the address that
-//! occupies the most places is displaced, so that a newcomer always has time to present a token.
+//! Failure: a class without a token admits every newcomer. If its places are taken, the oldest
+//! client of the address that occupies the most places is displaced. A newcomer therefore always
+//! has time to present a token.
 
 use std::{
     collections::BTreeMap,

@@ -1,7 +1,8 @@
 //! Recording of the running system to a file, started and stopped by an operator.
 //!
 //! Input: messages of the system's bus, and the commands of operators.
-//! Output: a flight, in the folder that the launch file names, under a name with system and time.
+//! Output: a flight, in the folder that the launch file names. The file name contains the system
+//! name and the time.
 //! Time: a recording ends after [`MAX_DURATION`] at the latest.
 //! Failure: a recording ends if it reaches its size limit or cannot be written. Its result contains
 //! the reason.

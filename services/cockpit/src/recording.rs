@@ -1,6 +1,6 @@
 //! A recording, reduced to snapshots of equal duration when it is opened.
 //!
-//! Input: messages of the topics with the source's time, in the order of publication.
+//! Input: messages of the topics that contain the source's time, in the order of publication.
 //! Output: snapshots by number.
 //! Memory: bounded, independent of the recording's length.
 

@@ -2,8 +2,8 @@
 //! view`, until that command ends.
 //!
 //! The tokens of a system are stored in files that are private to the user running the system, so
-//! that they stay valid if the cockpit is restarted within the run. Each begins with the run's
-//! identifier, by which the next run recognises and replaces it.
+//! that they stay valid if the cockpit is restarted within the run. Each token begins with the
+//! identifier of its run. The next run recognises old tokens by this identifier and replaces them.
 //!
 //! Commands require the operator's token. On addresses beyond the loopback interface, viewing
 //! requires the operator's or the viewer's token. The printed address contains the token as its

@@ -29,7 +29,7 @@ const BAUD_RATES: [u64; 7] = [115_200, 9_600, 921_600, 460_800, 57_600, 230_400,
 const LISTENING_TIME: Duration = Duration::from_millis(1_500);
 /// Maximum time that a port takes.
 pub const MAX_PORT_TIME: Duration = Duration::from_millis(1_500 * BAUD_RATES.len() as u64 + 500);
-/// Wait for bytes within the listening time.
+/// Timeout of each read within the listening time.
 const READ_TIMEOUT: Duration = Duration::from_millis(20);
 /// Maximum number of bytes that are kept per baud rate.
 const MAX_BYTES: usize = 1 << 20;

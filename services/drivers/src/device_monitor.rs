@@ -49,8 +49,8 @@ const MIN_MESSAGES: u64 = 100;
 const MAX_REJECTED_SHARE: f64 = 0.01;
 /// Maximum share of bytes that belong to no message. An intact connection stays below it.
 const MAX_SKIPPED_SHARE: f64 = 0.05;
-/// Ratio of measured and declared rate, or its inverse, above which the declared rate is wrong.
-/// The clock fit allows the same deviation.
+/// Ratio of the measured to the declared rate, or its inverse, above which the declared rate is
+/// wrong. The clock fit allows the same deviation.
 const MAX_RATE_RATIO: f64 = 1.5;
 /// Minimum number of clock steps within the window at which a problem is reported. A device that
 /// merely restarts causes fewer steps.
@@ -64,7 +64,7 @@ pub(crate) enum RateCheck {
     None,
     /// The rate is declared, Hz.
     Declared(f64),
-    /// The rate is not declared. The buffers are made for this rate, Hz.
+    /// No rate is declared. The buffers are dimensioned for this rate, Hz.
     AtMost(f64),
 }
 

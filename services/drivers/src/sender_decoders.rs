@@ -2,8 +2,8 @@
 //!
 //! Input: datagrams.
 //!
-//! Output: the measurements of the chosen sender. A sender is chosen by a required measurement, see
-//! [`SenderChoice`].
+//! Output: the measurements of the chosen sender. A sender is chosen if it sends a measurement of
+//! the kind for which the device is read while no other sender is chosen, see [`SenderChoice`].
 //!
 //! Memory: the decoders of [`MAX_SENDERS`] senders.
 //!

@@ -7,7 +7,7 @@
 //! If ticks are faster, or in lockstep, the bus is polled at the message rate, so that publishers
 //! on the bus need no system call to wake the gateway.
 //!
-//! Ticks from another host are always waited for.
+//! The gateway always waits for ticks from another host.
 
 use std::{
     thread,

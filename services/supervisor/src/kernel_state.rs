@@ -1,6 +1,6 @@
 //! State of a process in the kernel, which explains why the process does not respond.
 //!
-//! - Input: `/proc` of a process of this user.
+//! - Input: the entry in `/proc` of a process that this user owns.
 //! - Output: a short text with a part for each thread: name, state letter and the kernel function
 //!   in which the thread waits.
 //! - Failure: what cannot be read is left out.

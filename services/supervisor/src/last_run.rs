@@ -1,4 +1,5 @@
-//! Record of a run in a file, from which its end is reported after the supervisor has died.
+//! Record of a run in a file. After the supervisor has died, the end of the run is reported from
+//! this file.
 //!
 //! - Input: start, progress and failure of a run.
 //! - Output: the file `NAME.run` in the state folder. It exists during a run and after a run that

@@ -3,7 +3,7 @@
 //! - Input: lines.
 //! - Output: the lines, as far as they are accepted.
 //! - Time: waits for the output to accept more, with an optional timeout.
-//! - Failure: a line that is not accepted in time, or after the other end was closed, is dropped.
+//! - Failure: a line is dropped if it is not accepted in time or if standard error is closed.
 
 use std::{
     fmt::Display,

@@ -101,7 +101,7 @@ pub fn encode_magnetic_field(
     })
 }
 
-/// Encodes `diagnostic_msgs/msg/DiagnosticArray`. `hardware_id` is that of every status.
+/// Encodes `diagnostic_msgs/msg/DiagnosticArray`. `hardware_id` applies to every status.
 ///
 /// # Errors
 ///

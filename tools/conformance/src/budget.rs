@@ -1,8 +1,8 @@
 //! Time for the checks of a stage. Checks that do not fit into the time are left out and counted.
 //!
 //! Each group of checks gets an equal share of the time that is left, so that a slow stage is
-//! checked in every respect. The first check of a group always runs, and so does the first case of
-//! a check, unless all the time is used.
+//! checked in every respect. The first check of a group runs even if the share is used up, unless
+//! the time for all checks is used up. The first case of a check that runs is never left out.
 
 use std::{
     cell::Cell,
@@ -13,9 +13,9 @@ use crate::report::Check;
 
 /// Time for the checks of a stage.
 pub(crate) struct Budget<'a> {
-    /// End of the time; `None` if there is no limit.
+    /// Deadline of all checks; `None` if there is no limit.
     end: Option<Instant>,
-    /// End of the share of the current group.
+    /// Deadline of the current group.
     group_end: Cell<Option<Instant>>,
     /// Number of checks of the current group that have started.
     started: Cell<u64>,

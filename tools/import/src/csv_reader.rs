@@ -7,7 +7,7 @@
 //! Output: records.
 //!
 //! Failure: a malformed line yields an error with its position, and reading continues with the next
-//! line. If the file is damaged, it ends at the damage ([`CsvReader::damage`]).
+//! line. If the file is damaged, reading ends at the damage ([`CsvReader::damage`]).
 
 use std::{
     cell::Cell,
@@ -134,9 +134,10 @@ type Start = (Option<Header>, (u64, String));
 
 /// Reads the lines up to the first row. Returns the column names, if present, and the first row.
 ///
-/// The names are in the last line before the first row that is not a comment, or else in the last
-/// comment with as many fields as the row. A line of units may follow the names. If no line is a
-/// row, the first two lines are used.
+/// The names are in the last line before the first row, comments not counted. If that line has
+/// another number of fields than the row, the names are in the last comment with as many fields as
+/// the row, if there is one. A line of units may follow the names. If no line is a row, the first
+/// two lines are used.
 fn read_start(path: &Path, lines: &mut Lines) -> Result<Start, ImportError> {
     let line_position = |line| TextPosition { line, column: None, name: None };
     let (mut comments, mut headers, mut error) = (Vec::new(), Vec::new(), None);

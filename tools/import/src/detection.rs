@@ -51,7 +51,7 @@ const TAR_MAGIC: (usize, &[u8]) = (257, b"ustar");
 const BLACKBOX_MARK: &[u8] = b"H Product:Blackbox";
 /// Start of a format definition in the text form of an ArduPilot log.
 const ARDUPILOT_TEXT_FORMAT: &[u8] = b"FMT";
-/// Byte order marks. That of UTF-32 begins with that of UTF-16.
+/// Byte order marks. The mark of UTF-32 begins with that of UTF-16 and is therefore listed first.
 const BYTE_ORDER_MARKS: [(&[u8], Format); 4] = [
     (b"\xff\xfe\0\0", Format::Utf32),
     (b"\0\0\xfe\xff", Format::Utf32),

@@ -24,7 +24,8 @@ const MAX_FIELD_DISTANCE_NS: u64 = 50_000_000;
 /// ns.
 const MAX_REFERENCE_GAP_NS: u64 = 60_000_000;
 /// Maximum gap between two reference attitudes across which the reference is interpolated if the
-/// rotation between them is small, ns. It allows for references at 1 Hz.
+/// rotation between them is small, ns. It allows for references at 1 Hz. A reference with such gaps
+/// is called slow.
 const MAX_SLOW_REFERENCE_GAP_NS: u64 = 1_100_000_000;
 /// Cosine of half the largest rotation across which a slow reference is interpolated: 5°.
 const MIN_HALF_ROTATION_COS: f64 = 0.999_048_221_581_857_8;

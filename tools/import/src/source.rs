@@ -53,7 +53,7 @@ pub(crate) struct Inertial {
 }
 
 impl Inertial {
-    /// Rate and force of one instant.
+    /// Creates a sample with the rate and the force of one instant.
     pub(crate) fn joint(t_ns: i64, rate_rad_s: [f64; 3], force_m_s2: [f64; 3]) -> Self {
         Self { rate: Some((t_ns, rate_rad_s)), force: Some((t_ns, force_m_s2)) }
     }

@@ -4,12 +4,12 @@
 //!
 //! Output: rate, force, field, fixes and attitude of the autopilot that the MAVLink decoder
 //! chooses. The reference is ATTITUDE_QUATERNION, or ATTITUDE if the log has no quaternion. Rate
-//! and force are those of one kind of message: the first one of a sensor that works. RAW_IMU is the
-//! last choice.
+//! and force are taken from one kind of message: the first kind whose sensor works. RAW_IMU is
+//! tried last.
 //!
 //! Time: the autopilot's clock, or the times of arrival if that clock never changes. The message of
-//! a fix may have another clock. A fix is therefore placed by its time of arrival relative to that
-//! of the latest sample, and so is an attitude if the samples have UNIX time.
+//! a fix may use another clock than the samples. A fix is therefore placed by its time of arrival
+//! relative to that of the latest sample, and so is an attitude if the samples have UNIX time.
 //!
 //! Memory: a buffer for each series.
 //!

@@ -5,8 +5,8 @@
 //! Output: each figure and table as SVG, and one HTML page with all papers reproduced in the
 //! folder. Tables are also available as text.
 //!
-//! Failure: a file cannot be written, or the section of a previously reproduced paper cannot be
-//! read.
+//! Failure: an error if a file cannot be written, or if the section of a previously reproduced
+//! paper cannot be read.
 //!
 //! | module | content |
 //! | --- | --- |

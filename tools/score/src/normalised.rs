@@ -6,7 +6,8 @@
 //! and divided by its ideal value.
 //!
 //! Failure: samples with a negative standard deviation or an undefined ratio are not counted. If
-//! only the standard deviation is 0, the sample is counted in the bin of the largest ratios.
+//! the standard deviation is 0 but the error is not, the sample is counted in the bin of the
+//! largest ratios.
 //!
 //! If the standard deviation of a single axis is correct, 68 % of the ratios are below 1 and 95 %
 //! below 2. The inclination error is the length of a vector with two such components, so its ratios

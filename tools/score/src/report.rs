@@ -2,7 +2,7 @@
 //!
 //! Input: the scores, and the decimated curves of each trial.
 //!
-//! Output: an HTML file that loads no external resource and that others may read.
+//! Output: an HTML file that loads no external resource. All users of the machine may read it.
 //!
 //! Failure: an error if the file cannot be written.
 

@@ -1,7 +1,7 @@
 //! Simulated bus: topics with any number of publishers and subscribers.
 //!
 //! The simulated bus gives the same guarantees as the real one, and no more. A subscriber has a
-//! buffer for each publisher; when it is full, the oldest message is overwritten. Messages of one
+//! buffer for each publisher. In a full buffer, the oldest message is overwritten. Messages of one
 //! publisher arrive in order, those of different publishers in any order. After a publisher has
 //! exited, its buffered messages can still be read, but its history for late subscribers is lost. A
 //! late subscriber receives the history of a publisher when that publisher runs next.

@@ -266,7 +266,8 @@ impl Setup {
     }
 }
 
-/// Returns a fault of the bus files. Other random choices do not depend on which one it is.
+/// Returns a fault of the bus files. The other random choices are the same for each of these
+/// faults.
 fn file_fault(random: &Random) -> Fault {
     let mut random = random.clone();
     if random.chance(500) {

@@ -18,14 +18,15 @@
 
 use crate::{Quaternion, Vector3, point::Point, state::Attitude};
 
-/// Returns the point of the direction cosines of the vertical; `None` if they have no direction.
+/// Returns the point of the up direction, computed from pitch and roll by the matrix method; `None`
+/// if the direction is undefined.
 pub(super) fn point_by_matrix(force_m_s2: Vector3<f64>) -> Option<Point> {
     let [pitch_rad, roll_rad] = pitch_and_roll_rad(force_m_s2);
     let ((sin_pitch, cos_pitch), (sin_roll, cos_roll)) = (libm::sincos(pitch_rad), libm::sincos(roll_rad));
     Point::from_direction(Vector3::new(-sin_roll * cos_pitch, sin_pitch, cos_roll * cos_pitch))
 }
 
-/// Returns the point of the up vector of the quaternion.
+/// Returns the point of the up direction, computed by the quaternion method.
 pub(super) fn point_by_quaternion(force_m_s2: Vector3<f64>) -> Point {
     let [pitch_rad, roll_rad] = pitch_and_roll_rad(force_m_s2);
     Attitude::from_quaternion(tilt_quaternion(pitch_rad, roll_rad)).up

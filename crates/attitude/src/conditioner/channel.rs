@@ -67,8 +67,8 @@ const SAME_UNIT_FACTORS: core::ops::RangeInclusive<f64> = 0.5..=2.0;
 
 /// Returns a value in the units of the sensor's range.
 ///
-/// If the calibration converts the unit, such as that of raw counts, the range is that of the
-/// calibrated value. Otherwise the range is that of the value itself, since a sensor clips before
+/// If the calibration converts the unit, for example from raw counts, the range applies to the
+/// calibrated value. Otherwise the range applies to the value itself, since a sensor clips before
 /// its calibration.
 fn in_range_units(value: [f64; 3], calibration: &Calibration) -> [f64; 3] {
     let is_same_unit = calibration.row_lengths().iter().all(|factor| SAME_UNIT_FACTORS.contains(factor));

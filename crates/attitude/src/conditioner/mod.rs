@@ -1,7 +1,7 @@
 //! Converts readings to checked samples: each accepted reading becomes a tick.
 //!
 //! Input: readings as reported by the sensors. They are checked in sensor axes. If the calibration
-//! converts their unit, such as that of raw counts, the limits apply after the calibration. The
+//! converts their unit, for example from raw counts, the limits apply after the calibration. The
 //! mounting is applied last.
 //!
 //! Output: samples with finite values, increasing time and contiguous ticks. Flags mark problems.
@@ -20,7 +20,7 @@
 //! | the same vector for `stuck_s` | unchanged, flagged; a stuck force is ignored while the rate still varies |
 //! | the stamp and values of the previous reading | rejected |
 //! | the stamp of the previous reading with other values | a sample one typical interval later, flagged |
-//! | a later stamp after such samples, but before the end of the newest sample | half a typical interval, flagged, until time agrees with the stamps |
+//! | a later stamp that is still before the end of such a sample | a sample half a typical interval later, flagged, until the sample time agrees with the stamps |
 //! | a stamp before the previous one | rejected; if the next stamp is later than the rejected one, the clock was set back: time continues, flagged |
 //! | a stamp more than `gap_s` after the previous one | a sample after a gap, flagged; if the gap exceeds 1 s, the level is initialised again |
 //! | a stamp more than 10 s after the previous one | the clock leapt: time continues, flagged |

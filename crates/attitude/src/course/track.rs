@@ -7,9 +7,9 @@
 //!
 //! Here H is the course, HΓ the gyroscopic course, H_track the track and h the interval since the
 //! previous track. In the short term the course follows the gyro, in the long term the receiver. A
-//! gyro bias b about the vertical leaves an error of T b, which is 2.5° for 0.05 °/s. The state is
-//! the difference H − HΓ, in terms of which the equation above can be rewritten. Unlike H and HΓ,
-//! which flip at the top of an aerobatic loop, this difference is continuous.
+//! gyro bias b about the vertical leaves an error of T b, which is 2.5° for 0.05 °/s. The stage
+//! stores the difference H − HΓ instead of H. Unlike H and HΓ, which flip at the top of an
+//! aerobatic loop, this difference is continuous.
 //!
 //! Each track is used once, at the tick of its fix, and weighted by the interval since the previous
 //! track. It is compared with the course at the time at which the velocity was valid. In a gap, and

@@ -7,8 +7,8 @@
 //!
 //! Time: the interval of the motion.
 //!
-//! Failure: if there is no motion, the attitude is held; if there is no inclination, it follows the
-//! gyro. Non-finite numbers are treated as missing.
+//! Failure: if there is no motion, the attitude is held; if there is no inclination, the attitude
+//! follows the gyro. Non-finite numbers are treated as missing.
 //!
 //! | stage | method |
 //! | --- | --- |

@@ -7,7 +7,7 @@
 //! Time: the interval of each tick, ns. Only differences are used.
 //!
 //! Failure:
-//! - Over missing ticks the rotation is that between the gyro's open-loop attitudes. A gap longer
+//! - The rotation over missing ticks is computed from the gyro's open-loop attitudes. A gap longer
 //!   than [`MAX_BRIDGED_GAP_S`] re-initialises the level.
 //! - After a rate outage the level is re-initialised if its error has become too large.
 //! - The specific force of a dead accelerometer is not used.

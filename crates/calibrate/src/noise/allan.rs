@@ -7,8 +7,8 @@
 //! Second differences of the three noise types are stationary and Gaussian. Their covariances
 //! follow from the functions g(t) = −|t|/2 for white noise, t² ln|t| / 2π for flicker noise and
 //! |t|³/12 for a random walk (Greenhall and Riley, Uncertainty of stability variances based on
-//! finite differences, PTTI 2003). From these follow the covariances of the estimates at all pairs
-//! of τ, and so the equivalent degrees of freedom of each estimate, 2 σ⁴ / var σ².
+//! finite differences, PTTI 2003). They determine the covariances of the estimates at all pairs of
+//! τ, and thereby the equivalent degrees of freedom of each estimate, 2 σ⁴ / var σ².
 
 use std::f64::consts::PI;
 
@@ -21,14 +21,15 @@ pub(super) type Coefficients = [f64; TYPES];
 const MIN_INTERVALS: f64 = 4.0;
 /// Number of steps per interval τ in an integral over lags.
 const STEPS: f64 = 8.0;
-/// Largest lag of an integral, in multiples of the sum of both τ. Beyond it, the covariances are
-/// negligible.
+/// Largest lag of an integral, in multiples of the sum of the two intervals τ. Beyond it, the
+/// covariances are negligible.
 const MAX_LAG: f64 = 4.0;
-/// Maximum number of intervals: with 1 s as the shortest, 2²³ s are 97 days.
+/// Maximum number of intervals τ. With 1 s as the shortest one, the longest is 2²³ s, which is 97
+/// days.
 const MAX_INTERVALS: usize = 24;
 
-/// Integral of a signal over a rest, from zero, at each sample. The mean of the signal is
-/// subtracted.
+/// Returns the integral of a signal over a rest at each sample, starting from zero. The mean of the
+/// signal is subtracted first.
 pub(super) fn integral(values: impl Iterator<Item = f64> + Clone, interval_s: f64) -> Vec<f64> {
     let (count, sum) = values.clone().fold((0u32, 0.0), |(count, sum), value| (count + 1, sum + value));
     let mean = sum / f64::from(count.max(1));
@@ -55,8 +56,8 @@ pub(super) fn variance(integrals: &[Vec<f64>], m: usize, interval_s: f64) -> Opt
     (count > 0).then(|| sum / (2.0 * tau_s * tau_s * count as f64))
 }
 
-/// Returns the octaves from `first_s` on at which the rests determine an Allan variance, as
-/// multiples of `interval_s`.
+/// Returns the intervals τ for which the rests determine an Allan variance, as multiples of
+/// `interval_s`. Each interval is twice the previous one. The first interval is `first_s`.
 pub(super) fn octaves(first_s: f64, interval_s: f64, rests_s: &[f64]) -> Vec<usize> {
     let multiple = |octave: usize| (first_s / interval_s * (1u64 << octave) as f64).round() as usize;
     let is_determined = |m: &usize| {

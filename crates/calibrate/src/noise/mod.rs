@@ -6,8 +6,9 @@
 //! each axis with confidence intervals, the Allan deviations, and parameters of a fuser; see
 //! [`NoiseReport`].
 //!
-//! Failure: readings with too short rests, a varying rate or a constant axis are rejected. A
-//! coefficient that the readings do not determine is reported as such, with an upper limit.
+//! Failure: readings are rejected if the rests are too short, the rate varies, an axis is constant
+//! or the model cannot be fitted to an axis. A coefficient that the readings do not determine is
+//! reported as such, with an upper limit.
 //!
 //! The Allan deviations are fitted from τ = 1 s on. At shorter τ, the low-pass filter of the
 //! sensor, repeated values and quantisation change the deviations.
@@ -57,8 +58,8 @@ const LIMIT_REPETITIONS: usize = 3;
 /// Maximum number of times that the recording is doubled to find a duration that determines a
 /// coefficient.
 const MAX_DOUBLINGS: u32 = 6;
-/// Excess of χ² over its mean above which the model does not describe the deviations, in standard
-/// deviations of χ².
+/// Limit for the misfit of the model: the difference between χ² and its mean, in standard
+/// deviations of χ². Above the limit, the model does not describe the deviations.
 const MAX_MISFIT: f64 = 4.0;
 /// Maximum number of motions that a message lists.
 const MAX_LISTED: usize = 5;
@@ -68,7 +69,8 @@ const MAX_LISTED: usize = 5;
 pub struct NoiseCalibrator {
     intake: Intake,
     rows: Vec<Row>,
-    /// Sum of the times, relative to the first one, and of the values that form the next row.
+    /// Sums of the values and of the times of the readings that form the next row, with the number
+    /// of these readings. The times are relative to the first reading of the row.
     sum: Option<(Row, i64, u32)>,
     /// Binary logarithm of the number of readings per row.
     halvings: u32,
@@ -102,8 +104,9 @@ impl NoiseCalibrator {
     ///
     /// # Errors
     ///
-    /// Returns a [`Rejection`] that lists what is missing if the readings have too short rests, a
-    /// rate that is not constant or out of range, or a constant axis.
+    /// Returns a [`Rejection`] that lists what is missing. Readings are rejected if the rests are
+    /// too short, the rate varies or is out of range, an axis is constant, or the model cannot be
+    /// fitted to the noise of an axis.
     pub fn finish(&self, stage: &str) -> Result<NoiseReport, Rejection> {
         let Some(timing) = Timing::new(&self.rows) else {
             return Err(rejection(0.0, "no readings".into(), vec![needed_rest(MIN_TOTAL_S)]));

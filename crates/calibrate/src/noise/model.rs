@@ -2,8 +2,9 @@
 //!
 //! The Allan variance is σ²(τ) = N²/τ + (2 ln 2 / π) B² + K² τ/3 (IEEE Std 952-1997, annex C) with
 //! the random walk N of the integrated signal, the bias instability B and the random walk K of the
-//! bias. N², B² and K² are fitted with the covariance matrix of all estimates. The matrix depends
-//! on them, so the fit is repeated until they no longer change. None of them may be negative.
+//! bias. The coefficients N², B² and K² are fitted with the covariance matrix of all estimates. The
+//! matrix depends on the coefficients, so the fit is repeated until the coefficients no longer
+//! change. None of the coefficients may be negative.
 
 use nalgebra::{SMatrix, SVector};
 
@@ -71,7 +72,8 @@ pub(super) fn fit(taus_s: &[f64], variances: &[f64], covariances: &Covariances) 
     })
 }
 
-/// Returns the standard deviations of the coefficients that a fit would have.
+/// Returns the standard deviations that a fit would have if the true coefficients were
+/// `coefficients`.
 pub(super) fn expected_sds(
     taus_s: &[f64],
     coefficients: &Coefficients,

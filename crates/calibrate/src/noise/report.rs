@@ -103,8 +103,9 @@ pub struct AllanPoint {
     pub model: Option<f64>,
 }
 
-/// Returns the confidence interval of the square root of an estimate with these degrees of freedom,
-/// which has a χ² distribution. The quantiles are those of Wilson and Hilferty 1931.
+/// Returns the confidence interval of the square root of an estimate. The estimate has a χ²
+/// distribution with the given degrees of freedom. The quantiles are those of Wilson and Hilferty
+/// 1931.
 pub(super) fn interval(square: f64, freedom: f64) -> (f64, f64) {
     let spread = 2.0 / (9.0 * freedom.max(1.0));
     let relative_quantile = |normal: f64| (1.0 - spread + normal * spread.sqrt()).max(0.05).powi(3);

@@ -1,10 +1,11 @@
 //! Parts of a recording in which the unit does not move.
 //!
-//! Readings are grouped into blocks of about one second. A block is in motion if, on an axis, the
-//! standard deviation within it exceeds five times the 10th percentile of all blocks, its mean
-//! differs from that of the previous block by more than noise explains, or its mean differs from
-//! that of the first block of its rest as if the unit turned. The neighbours of a block in motion
-//! are not used. Vibration that lasts as long as the recording counts as noise of the sensor.
+//! Readings are grouped into blocks of about one second. A block is in motion if its standard
+//! deviation on an axis exceeds five times the 10th percentile of the standard deviations of all
+//! blocks. It is also in motion if its mean differs from that of the previous block by more than
+//! noise explains, or from that of the first block of its rest so much that the unit must have
+//! turned. The neighbours of a block in motion are not used. Vibration that lasts as long as the
+//! recording counts as noise of the sensor.
 
 use super::rows::{AXES, Axis, Row, seconds};
 
@@ -17,18 +18,22 @@ const MIN_GAP_S: f64 = 0.1;
 const MIN_GAP_INTERVALS: f64 = 5.0;
 /// Minimum duration of a rest that is used, s.
 pub(super) const MIN_REST_S: f64 = 10.0;
-/// Maximum ratio of the 90th to the 10th percentile of the time for the same number of readings.
+/// Maximum ratio of the 90th to the 10th percentile of the rate. Above it, the rate is not
+/// constant.
 const MAX_RATE_RATIO: f64 = 1.25;
 /// Relative deviation from the median above which an interval is counted as irregular.
 const IRREGULAR_SHARE: f64 = 0.5;
 
-/// Maximum ratio of the standard deviation of a block at rest to the 10th percentile.
+/// Maximum ratio of the standard deviation of a block at rest to the 10th percentile of the
+/// standard deviations of all blocks.
 const QUIET_FACTOR: f64 = 5.0;
-/// Maximum change of the mean between two blocks at rest, in standard deviations of such changes.
+/// Maximum change of the mean between two successive blocks at rest, in standard deviations of the
+/// changes of the mean.
 const STEP_FACTOR: f64 = 10.0;
 /// Median absolute value of a normally distributed number, in standard deviations.
 const NORMAL_MEDIAN: f64 = 0.6745;
-/// Maximum change of the mean by noise, in standard deviations of the mean of a block.
+/// Maximum change of the mean that is attributed to noise, in standard deviations of the mean of a
+/// block.
 const NOISE_FACTOR: f64 = 12.0;
 
 /// Limits of a sensor at rest, in its unit.
@@ -38,7 +43,7 @@ struct Limits {
     /// Range to which the limit of the change of the mean is clamped. An allowance for noise is
     /// added to the upper end.
     step: (f64, f64),
-    /// Maximum difference of the mean from that of the first block of a rest.
+    /// Maximum difference between the mean of a block and that of the first block of its rest.
     turn: f64,
     /// Largest mean at rest that is attributed to a bias; infinite for the accelerometer.
     mean: f64,
@@ -58,7 +63,7 @@ pub(super) struct Rest {
     pub(super) end: usize,
 }
 
-/// Motion, by its first block that exceeds a limit.
+/// Motion, described by its first block that exceeds a limit.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Motion {
     /// Start, s since the first reading.
@@ -198,7 +203,7 @@ struct AxisLimits {
     sensor: &'static Limits,
     sd: f64,
     step: f64,
-    /// Largest change of the mean of a block by white noise.
+    /// Largest change that white noise causes in the mean of a block.
     noise: f64,
 }
 

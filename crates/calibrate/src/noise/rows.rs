@@ -50,7 +50,8 @@ impl Axis {
         if self.is_gyro() { "gyro" } else { "accelerometer" }
     }
 
-    /// Returns the unit of displayed values and its number per unit of a [`Row`].
+    /// Returns the unit of displayed values, and the factor that converts a value of a [`Row`] to
+    /// it.
     pub(super) fn unit(self) -> (&'static str, f64) {
         if self.is_gyro() { ("°/s", 1f64.to_degrees()) } else { ("m/s²", 1.0) }
     }

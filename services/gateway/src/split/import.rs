@@ -33,8 +33,7 @@ use crate::{
 
 /// Longest wait for a frame.
 const POLL_INTERVAL: Duration = Duration::from_millis(50);
-/// Time without a frame after which the importer requests the next tick to be delivered and all
-/// later ticks.
+/// Time without a frame after which the importer requests all ticks that it has not delivered yet.
 const SILENCE_TIMEOUT: Duration = Duration::from_millis(500);
 /// Minimum interval between two requests for missing ticks.
 const REQUEST_INTERVAL: Duration = Duration::from_millis(100);

@@ -1,7 +1,8 @@
 //! Subscriptions to every topic of the bus, for a recorder.
 //!
-//! They are opened before any service starts and have the buffer sizes of the data path. In
-//! lockstep each round is complete, because the source receives credit only after the round.
+//! The subscriptions are opened before any service starts and have the buffer sizes of the data
+//! path. In lockstep no message is overwritten before it is recorded, because the source may
+//! publish new ticks only after the recorder has read.
 
 use bus::{Bus, BusError};
 use flight::Recorder;

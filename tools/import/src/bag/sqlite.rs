@@ -5,9 +5,9 @@
 //!
 //! Memory: [`BATCH_MESSAGES`] messages of at most [`MAX_MESSAGE_BYTES`] each.
 //!
-//! Failure: rows that are missing or unusable are counted. Row numbers must increase. Rows with
-//! other numbers are skipped, and reading ends after [`MAX_STRAY_ROWS`] of them. If the tree of the
-//! table is damaged, the rows after the damage are read from the pages that remain.
+//! Failure: rows that are missing or unusable are counted. Row numbers must increase. Rows that
+//! violate this are skipped, and reading ends after [`MAX_STRAY_ROWS`] of them. If the B-tree of
+//! the table is damaged, the rows after the damage are read from the pages directly.
 
 use std::{
     cell::Cell,

@@ -1,8 +1,8 @@
-//! Reader of the messages in the pages of a damaged ROS 2 database, without the tree that connects
-//! the pages.
+//! Reader of the messages in the pages of a damaged ROS 2 database, without the B-tree that
+//! connects the pages.
 //!
-//! Input: the file. A page that holds rows of the table of messages is recognised by its rows: no
-//! value for the row number, two integers and a blob.
+//! Input: the file. A page that holds rows of the table of messages is recognised by its rows: each
+//! row contains two integers and a blob, and no stored value for the row number.
 //!
 //! Output: the rows in the order of their numbers.
 //!

@@ -261,7 +261,7 @@ pub(crate) fn chain_label(launch: &Launch) -> String {
 }
 
 /// Returns a chart of the curves over time with some margin; `None` if there are no curves.
-/// `merged_bins` is that of [`time_chart`].
+/// `merged_bins` has the same meaning as in [`time_chart`].
 fn panel_chart(label: &'static str, from_s: f64, series: &[Series<'_>], merged_bins: usize) -> Option<Chart> {
     let ranges = || series.iter().filter_map(|series| series.curve.range());
     let min = ranges().map(|range| range.0).reduce(f64::min)?;

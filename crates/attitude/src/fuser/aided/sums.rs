@@ -21,8 +21,8 @@ pub(super) struct IntervalSums {
 }
 
 impl IntervalSums {
-    /// Updates the force noise. The squared difference of successive samples of white noise has a
-    /// mean of twice the variance on each axis.
+    /// Updates the force noise. For white noise, the mean squared difference of successive samples
+    /// is twice the variance on each axis.
     pub(super) fn update_force_noise(&mut self, force_m_s2: Vector3<f64>, dt_s: f64) {
         let difference_m_s2 = force_m_s2 - self.last_force_m_s2;
         let power_m2_s3 = difference_m_s2.norm_squared() / 6.0 * dt_s;

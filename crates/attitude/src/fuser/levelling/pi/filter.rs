@@ -50,8 +50,8 @@ pub struct LevellingPi {
     pub(super) pending_rad: Complex<f64>,
     /// Low-pass filtered force minus V H' while there are no fixes, platform axes, m/s².
     pub(super) low_pass_m_s2: Complex<f64>,
-    /// Time until the low-pass of `low_pass_m_s2`, which starts as a plain mean, has averaged over
-    /// its time constant, s.
+    /// Time for which the low-pass filter of `low_pass_m_s2` still computes a plain mean, s. After
+    /// that, the filter uses its time constant.
     pub(super) averaging_deficit_s: f64,
     /// Tilt measured by levelling, low-pass filtered over the levelling time constant, platform
     /// axes, rad.

@@ -4,9 +4,9 @@
 //! corrects the azimuth over T = 50 s, as in equation (5) of S4 (see `levelling`), and the bias
 //! about the vertical over 4 T.
 //!
-//! The force and the change of velocity show the same acceleration vector, regardless of wind. In a
-//! turn the angle between the two is therefore the azimuth error. Once turns have determined the
-//! azimuth, the track corrects it at half the rate.
+//! The force and the change of velocity each yield the acceleration vector, regardless of wind. In
+//! a turn the angle between these two vectors is therefore the azimuth error. Once turns have
+//! determined the azimuth, the track corrects it at half the rate.
 
 use super::settings::PiSettings;
 use crate::{Complex, fuser::low_pass::low_pass_gain, scalars::scalars, state::arg};

@@ -16,8 +16,8 @@
 //! others, explains a little of both. The sum does not fall below zero.
 //!
 //! A fourth possibility is that M relies on a field that is not the earth's: the body has started
-//! beside iron or a magnet. If another field stays steady for longer while the body turns than that
-//! of M was used, M restarts with it (`new_field`).
+//! beside iron or a magnet. M restarts with another field if that field has been steady for longer
+//! than M has used its own field (`new_field`). Both times are counted only while the body turns.
 //!
 //! B replaces M when it leads both others by the margin, its hard iron differs from that of M, and
 //! the body has turned. B and E restart from M when B fails, or after 50 s without a decision.
@@ -87,9 +87,9 @@ const UNMOVED_SD_RAD: f64 = 0.5;
 const CONFIRMATION_S: f64 = 3.0;
 /// Time inside the gate that ends the probation of a new main filter, s.
 const PROBATION_S: f64 = 10.0;
-/// Shortest time outside the gate after which an invalidated direction is invalidated once more, s.
-/// This happens once a main filter on probation has been outside the gate for longer than this and
-/// for longer than it was inside.
+/// Minimum time outside the gate after which an invalidated direction is invalidated once more, s.
+/// The main filter must be on probation and must also have been outside the gate for longer than
+/// inside.
 const MIN_PROBATION_REJECTION_S: f64 = 2.0;
 /// Standard deviation of the drift rate once the gyro bias has been observed at rest, rad/s.
 const DRIFT_SD_AT_REST_RAD_S: f64 = 6.5e-4;
@@ -285,8 +285,9 @@ impl HypothesisTest {
     /// Returns the standard deviation of the heading, rad, given that of M.
     ///
     /// - A rough field increases the deviation.
-    /// - The new field is the earth's field with a probability that depends on the times for which
-    ///   the two fields were observed. The heading would then be wrong by the angle between them.
+    /// - A new field is the earth's field with a probability that depends on the times for which
+    ///   the new field and the field of M were observed. In that case the heading is wrong by the
+    ///   angle between the two fields.
     /// - The field of a place where the body has not moved yet may be that of iron nearby.
     pub(super) fn credible_sd_rad(&self, sd_rad: f64) -> f64 {
         let steady_s = self.new_field.steady_s();

@@ -35,15 +35,16 @@
 //! - A hard iron that is always estimated absorbs gradients of the field. While a body hardly
 //!   rotates, b and e cannot be separated, and the heading is wrong by degrees. b is therefore
 //!   estimated only if its likelihood exceeds that of a changed field.
-//! - A main hypothesis that rejects everything is replaced only by a field that is steady.
-//!   Replacing it by whatever field there is after some time costs 4° among magnets (Nexus 5: 8.5°
-//!   instead of 4.5°).
+//! - A main hypothesis that rejects everything is replaced only by a field that is steady. If it
+//!   were replaced after a fixed time by any field, the error among magnets would increase by 4°
+//!   (Nexus 5: 8.5° instead of 4.5°).
 //! - While a magnet moves away, its field passes the gate for a moment and still rotates the
 //!   estimated field. The field is therefore not used for 2 s after a strong disturbance: 4.2° on
 //!   Nexus 5 among magnets instead of 4.5°.
 //!
-//! Without effect or worse, heading on Nexus 5 among magnets and BROAD, measured without the pause
-//! after strong disturbances (4.5° and 1.63°):
+//! The following variants have no effect or increase the heading error. They were measured on Nexus
+//! 5 among magnets and on BROAD, without the pause after strong disturbances. The errors without a
+//! variant are 4.5° and 1.63°.
 //!
 //! - local disturbance enlarged by the innovations (roughness, 40 s): 6.3°, crossed trials 1.25°
 //!   instead of 1.19°, a changed ambient field 5.5° instead of 1.4°; the roughness is therefore
