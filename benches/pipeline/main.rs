@@ -26,8 +26,8 @@
 //! within each round, and the table shows their medians over the rounds. On a shared machine, only
 //! values from the same run are comparable.
 //!
-//! For `real` and `other` the table also shows the CPU time of the first [`START_S`], and that of a
-//! tick in the rest of the run. The CPU time per second includes both.
+//! For `real` and `other` the table also shows the CPU time of the first [`START_S`], and the CPU
+//! time per tick in the rest of the run. The CPU time per second covers the whole run.
 
 mod bus;
 mod chain;

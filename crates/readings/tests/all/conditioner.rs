@@ -1,4 +1,4 @@
-//! Tests each row of the conditioner's table, and random timestamps and values.
+//! Tests each row of the table in the crate documentation, and random timestamps and values.
 use attitude::gnss::Fix;
 use launch::{GyroSamples, Launch};
 use messages::{Flags, ImuSample};
@@ -393,7 +393,8 @@ fn fuzzed_readings_give_finite_samples_in_time_order() {
     }
 }
 
-/// Returns for each sample whether it has a field, whether it has a fix, and its flags for both.
+/// Returns three values per sample: whether it has a field, whether it has a fix, and its flags for
+/// field and fix.
 fn aiding(readings: &[Reading]) -> Vec<(bool, bool, Flags)> {
     let mut conditioner = conditioner(GyroSamples::Means);
     let relevant = Flags::FIELD | Flags::FIX | Flags::FIELD_INVALID | Flags::FIX_INVALID;

@@ -192,8 +192,8 @@ fn imu_message(i: i32) -> Vec<u8> {
     data
 }
 
-/// Creates a database of `count` messages, each with the number of its position from 1, and applies
-/// `changes`.
+/// Creates a database of `count` messages and applies `changes`. Each message contains its
+/// position, counted from 1.
 fn database(folder: &Folder, count: i32, changes: &str) -> PathBuf {
     let path = folder.path("a.db3");
     let _ = fs::remove_file(&path);
