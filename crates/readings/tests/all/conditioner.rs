@@ -1,4 +1,4 @@
-//! Tests each row of the table in the crate documentation, and random timestamps and values.
+//! Tests each row of the table in `attitude::conditioner`, and random timestamps and values.
 use attitude::gnss::Fix;
 use launch::{GyroSamples, Launch};
 use messages::{Flags, ImuSample};
