@@ -157,7 +157,7 @@ fn each_line_to_paste_removes_its_issue() {
         pasted.extend(lines.iter().map(|line| key(line).to_owned()));
     }
     assert!(failures.is_empty(), "{}", failures.join("\n"));
-    // A higher limit accepts raw counts. Their scale is then named.
+    // With a higher limit, raw counts are accepted, and the next remedy is their scale.
     let counts: Vec<_> = original.iter().map(|r| Reading { force_m_s2: scaled(r.force_m_s2, 2048.0), ..*r }).collect();
     let found = diagnosed(&counts, &Launch::default());
     let limit = found.iter().flat_map(|found| &found.causes).flat_map(|cause| lines(&cause.remedy)).next().unwrap();
@@ -166,7 +166,7 @@ fn each_line_to_paste_removes_its_issue() {
     let both = Launch::parse("launch.toml", &format!("{limit}\n{scale}")).unwrap();
     assert_eq!(diagnosed(&counts, &both), [], "{limit} {scale}");
     pasted.extend([limit, scale].map(|line| key(line).to_owned()));
-    // A line in the source that is not pasted above needs an error here.
+    // Every line in the source file must be pasted above, so a new line needs a new error.
     let source = include_str!("../../src/diagnosis.rs");
     for line in
         source.split('`').filter(|part| part.starts_with("--") || part.starts_with("ingest.") && part.contains('='))
