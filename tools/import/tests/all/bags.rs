@@ -276,7 +276,7 @@ fn database_whose_row_numbers_go_back_ends() {
 #[test]
 fn damaged_database_costs_the_damaged_rows_only() {
     let folder = Folder::new();
-    // This number of rows needs two levels of inner pages. The second level is at the end of the file.
+    // This many rows need two levels of inner pages. The second level is at the end of the file.
     let path = database(&folder, 6000, "");
     let bytes = fs::read(&path).unwrap();
     let (length, page) = (bytes.len(), usize::from(u16::from_be_bytes([bytes[16], bytes[17]])));
