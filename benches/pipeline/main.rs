@@ -109,7 +109,8 @@ struct Cost {
     latency_us: LatencyUs,
     cpu_s_per_s: f64,
     lost: u64,
-    /// CPU time of the start and of each tick after it; `None` if the start was not measured.
+    /// CPU time of the start-up phase and per tick in the rest of the run; `None` if it was not
+    /// measured.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     phases: Option<Phases>,
 }

@@ -96,8 +96,8 @@ fn enabled_channel_shifts_later_ones() {
     let before = sysfs::prepare(&device, 2, None).unwrap();
     fs::write(device.join("scan_elements/in_temp_en"), "1").unwrap();
     let after = sysfs::read(&device).unwrap();
-    // Before: 24 bytes of vectors and 8 of timestamp. After: 2 bytes of temperature and 6 of
-    // padding are inserted between them.
+    // Without the temperature, a record has 24 bytes of vectors and 8 of timestamp. With it, 2
+    // bytes of temperature and 6 of padding are inserted between them.
     assert_eq!((before.time.unwrap().byte_offset, before.record_bytes), (24, 32));
     assert_eq!((after.time.unwrap().byte_offset, after.record_bytes), (32, 40));
     assert_eq!(fs::read_to_string(device.join("sampling_frequency")).unwrap(), "25\n");
