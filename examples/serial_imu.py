@@ -125,7 +125,7 @@ def main():
     if os.path.islink(options.link):
         os.unlink(options.link)
     os.symlink(os.ttyname(terminal), options.link)
-    # With its own end closed, the program can detect whether a reader has opened the port.
+    # This process closes the terminal itself, so that POLLHUP is set until a reader opens the port.
     os.close(terminal)
     poller = select.poll()
     poller.register(master, select.POLLOUT)

@@ -23,7 +23,7 @@ from peers import BEST_OF, PEERS
 from recording import METRICS, RecordingError, is_own_format, read, rmse_deg
 
 Errors = dict[str, float]
-# Smallest difference that counts as worse, degrees. It is below the printed precision.
+# Smallest excess of an error that counts as worse, degrees. It is below the printed precision.
 RESOLUTION_DEG = 0.005
 
 
@@ -86,7 +86,7 @@ def cell(errors: Errors) -> str:
 
 
 def worse(own: Errors, peers: dict[str, Errors]) -> list[str]:
-    """Describes the metrics in which the best peer is better."""
+    """Describes the metrics in which the best peer has a smaller error than `own`."""
     found = []
     for metric in METRICS:
         known = {peer: errors[metric] for peer, errors in peers.items() if peer in BEST_OF and math.isfinite(errors[metric])}

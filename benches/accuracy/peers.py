@@ -30,7 +30,7 @@ NWU_TO_ENU = np.array([math.sqrt(0.5), 0.0, 0.0, math.sqrt(0.5)])
 
 
 def vqf(recording: Recording) -> Array:
-    """VQF of the package vqf."""
+    """Runs VQF of the package vqf."""
     is_new = recording.new_field()
     interval_s = float(np.median(np.diff(recording.t_s)))
     field_interval_s = float(np.median(np.diff(recording.t_s[is_new]))) if is_new.sum() > 1 else interval_s
@@ -45,7 +45,7 @@ def vqf(recording: Recording) -> Array:
 
 
 def madgwick(recording: Recording) -> Array:
-    """Madgwick of the package ahrs, in axes north, west, up."""
+    """Runs the Madgwick filter of the package ahrs, in axes north, west, up."""
     filter = Madgwick(gain=MADGWICK_GAINS[0 if recording.has_field else 1])
 
     def update(q: Array, rate: Array, force: Array, field: Array | None, dt_s: float) -> Array:
@@ -55,7 +55,7 @@ def madgwick(recording: Recording) -> Array:
 
 
 def mahony(recording: Recording, **gains: float) -> Array:
-    """Mahony of the package ahrs, in axes east, north, up."""
+    """Runs the Mahony filter of the package ahrs, in axes east, north, up."""
     filter = Mahony(**gains)
 
     def update(q: Array, rate: Array, force: Array, field: Array | None, dt_s: float) -> Array:
@@ -65,12 +65,12 @@ def mahony(recording: Recording, **gains: float) -> Array:
 
 
 def mahony_broad(recording: Recording) -> Array:
-    """Mahony of the package ahrs with the gains for BROAD."""
+    """Runs the Mahony filter of the package ahrs with the gains for BROAD."""
     return mahony(recording, **BROAD_MAHONY_GAINS)
 
 
 def ekf(recording: Recording) -> Array:
-    """EKF of the package ahrs, in axes north, west, up. Its magnetic dip is the median of the recording."""
+    """Runs the EKF of the package ahrs, in axes north, west, up. Its magnetic dip is the median of the recording."""
     dip_rad = median_dip_rad(recording)
     filter = EKF(magnetic_ref=np.array([math.cos(dip_rad), 0.0, -math.sin(dip_rad)]))
 
@@ -83,7 +83,7 @@ def ekf(recording: Recording) -> Array:
 
 
 def fusion(recording: Recording) -> Array:
-    """Fusion of x-io Technologies (package imufusion) with its default settings, in axes north, west, up."""
+    """Runs Fusion of x-io Technologies (package imufusion) with its default settings, in axes north, west, up."""
     filter = imufusion.Ahrs()
     filter.set_sample_period(float(np.median(np.diff(recording.t_s))))
     rate_deg_s, force_g, is_new = np.degrees(recording.rate_rad_s), recording.force_m_s2 / GRAVITY_M_S2, recording.new_field()
@@ -159,7 +159,8 @@ def inverse(q: Array) -> Array:
 
 def quaternion(matrix: Array) -> Array:
     """Returns the quaternion of a rotation matrix."""
-    # Four times the products of the components with each other; the row with the largest square has no cancellation.
+    # Four times the products of all pairs of components. The row with the largest diagonal element has
+    # the smallest rounding errors.
     m, trace = matrix, np.trace(matrix)
     products = np.array([
         [1.0 + trace, m[2, 1] - m[1, 2], m[0, 2] - m[2, 0], m[1, 0] - m[0, 1]],

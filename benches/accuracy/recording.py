@@ -42,7 +42,7 @@ class Recording:
         return bool(np.isfinite(self.field_ut).all(axis=1).any())
 
     def new_field(self) -> Array:
-        """Returns a mask of the samples with a new field. A field equal to the previous one is held, not measured."""
+        """Returns a mask of the samples with a new field. A field equal to the previous one counts as repeated."""
         is_new = np.zeros(len(self.t_s), dtype=bool)
         previous = None
         for row in np.flatnonzero(np.isfinite(self.field_ut).all(axis=1)):

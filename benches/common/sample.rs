@@ -3,7 +3,7 @@
 use bytemuck::Zeroable as _;
 use messages::{AttitudeOutput, Header};
 
-/// Returns an attitude that is as long, when encoded, as one from a vehicle in motion.
+/// Returns an attitude with the encoded length of an attitude from a vehicle in motion.
 pub(crate) fn attitude(header: Header) -> AttitudeOutput {
     AttitudeOutput {
         header,

@@ -41,8 +41,8 @@ use vqf_rs::VQF;
 
 const CALLS: usize = 1000;
 const DT_S: f64 = 0.01;
-/// Default gain of ahrs's Madgwick filter. The default gains of ahrs are given explicitly, because
-/// its default constructor sets a sampling rate other than that of these samples, [`DT_S`].
+/// Default gain of ahrs's Madgwick filter. All default gains of ahrs are given explicitly, because
+/// its default constructors also assume a sampling interval, which differs from [`DT_S`].
 const MADGWICK_BETA: f64 = 0.1;
 /// Default proportional gain of ahrs's Mahony filter.
 const MAHONY_KP: f64 = 0.5;

@@ -12,8 +12,9 @@
 //!
 //! Failure: a missing sample recording ends the run with an error.
 //!
-//! Each library runs with its default settings, in the number format of its interface, from its own
-//! start. As in BROAD, only the samples in motion are scored, and no heading offset is removed.
+//! Each library runs with its default settings, in the number format of its interface, and chooses
+//! its own initial attitude. As in BROAD, only the samples in motion are scored, and no heading
+//! offset is removed.
 
 #[path = "../common/median.rs"]
 mod median;

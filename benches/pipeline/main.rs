@@ -26,8 +26,8 @@
 //! within each round, and the table shows their medians over the rounds. On a shared machine, only
 //! values from the same run are comparable.
 //!
-//! For `real` and `other` the table also shows the CPU time of the first [`START_S`], and that of a
-//! tick in the rest of the run. The CPU time per second includes both.
+//! For `real` and `other` the table also shows the CPU time of the first [`START_S`], and the CPU
+//! time per tick in the rest of the run. The CPU time per second covers the whole run.
 
 mod bus;
 mod chain;
@@ -109,7 +109,8 @@ struct Cost {
     latency_us: LatencyUs,
     cpu_s_per_s: f64,
     lost: u64,
-    /// CPU time of the start and of each tick after it; `None` if the start was not measured.
+    /// CPU time of the start-up phase and per tick in the rest of the run; `None` if it was not
+    /// measured.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     phases: Option<Phases>,
 }

@@ -1,5 +1,5 @@
-//! Variants `real` and `other`: `plumb up` with scenario S1. The results are taken from its own
-//! report.
+//! Variants `real` and `other`: `plumb up` with scenario S1. The results are taken from the report
+//! of `plumb up`.
 
 use std::{
     ffi::OsStr,

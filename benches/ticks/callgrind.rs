@@ -48,8 +48,8 @@ fn is_instance(called: &str, name: &str) -> bool {
 
 /// Sums the inclusive costs of the calls of each function in callgrind's output.
 ///
-/// A call is described by three lines: `cfn=(1) name`, `calls=2 3` and `4 5`, of which the last
-/// number is the cost. The name is given only once for each number in parentheses.
+/// A call is described by three lines, such as `cfn=(1) name`, `calls=2 3` and `4 5`. The last
+/// number, here 5, is the cost. The name is given only once for each number in parentheses.
 fn inclusive_costs(text: &str) -> Result<HashMap<&str, u64>, Failure> {
     let (mut names, mut costs) = (HashMap::new(), HashMap::new());
     let mut called = None;

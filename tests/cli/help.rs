@@ -105,8 +105,9 @@ fn help_fits_a_terminal_of_80_columns() {
     });
 }
 
-/// A launch file is never a positional argument. A running system is selected by its name or by its
-/// launch file. `plumb demo` has a built-in launch file.
+/// The arguments have the same meaning in all commands: a launch file is never positional, and a
+/// running system is selected by its name or by its launch file. The exception is `plumb demo`,
+/// which has a built-in launch file.
 #[test]
 fn launch_and_system_are_alike_in_all_commands() {
     let (mut faults, mut with_launch, mut with_system) = (Vec::new(), 0, 0);

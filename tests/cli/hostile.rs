@@ -105,8 +105,8 @@ fn values_of_launch_file_are_escaped() {
     }
 }
 
-/// Stage program that prints hostile text for every request and describes its parameter with
-/// hostile text. It exits at its first step, or at once if it has an argument.
+/// Stage program that prints hostile text at every request and describes its parameter with hostile
+/// text. It exits at its first step, or at the first request if it has an argument.
 const PROGRAM: &str = r#"
 import os, socket, struct, sys
 HOSTILE = "\x1b]0;owned\x07\x1b[2J\u009b2J\u202e"

@@ -107,7 +107,7 @@ fn many_viewers_with_one_frozen_cost_no_tick() {
     run.assert_complete();
 }
 
-/// Reads the number of bytes. Panics if the connection ends before that.
+/// Reads `count` bytes. Panics if the connection ends before that.
 fn read_bytes(mut stream: &TcpStream, count: usize) {
     let (mut bytes, mut taken) = (vec![0; 4096], 0);
     while taken < count {

@@ -1,5 +1,5 @@
-// Browser driver for tests: reads requests and writes replies, one JSON object per line, for any
-// number of pages.
+// Browser driver for tests. It reads requests and writes replies, one JSON object per line. A driver
+// can open any number of pages.
 //
 //     node driver.mjs FOLDER
 //

@@ -106,8 +106,8 @@ fn recording_is_started_and_stopped_by_operator_only() {
     page.shot("fly-recording.png");
     viewer.until(&format!("{text}.startsWith('recording ')"));
     page.until(&format!("{text}.endsWith(': the size limit was reached')"));
-    // Each further recording has a new file. One is stopped by the operator, the other by the end
-    // of the system.
+    // Two further recordings, each in a new file. The operator stops the first one, and the end of
+    // the system stops the second one.
     for stop in ["#record", ""] {
         page.until("document.getElementById('record').textContent === 'Record'");
         page.click("#record");

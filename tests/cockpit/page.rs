@@ -139,8 +139,8 @@ fn every_view_shows_published_values() {
         assert_eq!(drawn, attitude[1..5], "tick {tick}");
         let (_, b, _) = up(&attitude);
         assert!((pitch_deg - b.asin().to_degrees()).abs() < 1e-9, "{pitch_deg}");
-        // The attitude is published one hop after the fused state, so the two may have different
-        // ticks in a snapshot.
+        // The attitude is published one hop after the fused state, so a snapshot may contain the
+        // two from different ticks.
         let fused = row(&out, w_tick);
         let (a, b, c) = up(&fused);
         assert!((w[0] - a / (1.0 + c)).abs() < 1e-9 && (w[1] - b / (1.0 + c)).abs() < 1e-9, "{w:?} {fused:?}");
@@ -284,8 +284,8 @@ fn restarts_and_outages_are_shown_and_page_reconnects() {
     // Without a new attitude, the page turns stale after 200 to 500 ms.
     page.until("plumb.data.state(plumb.data.received_ms + 200).kind === 'live'");
     assert_eq!(page.eval("plumb.data.state(plumb.data.received_ms + 500).kind"), "stale");
-    // Stale content is grey and the state shows its age. The supervisor is frozen as well, because
-    // it would otherwise restart the frozen source.
+    // Outdated content is grey, and the state shows its age. The supervisor is frozen as well,
+    // because it would otherwise restart the frozen source.
     let ingest = running.service("ingest");
     [running.pid(), ingest].iter().for_each(|pid| signal(*pid, Signal::STOP));
     page.until("/^stale \\d/.test(document.getElementById('state').textContent) && document.getElementById('view').classList.contains('stale')");

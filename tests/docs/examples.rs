@@ -226,8 +226,7 @@ impl Scratch {
     }
 
     /// Runs the shell examples of a file. If a Python block is a complete stage, writes it to the
-    /// folder that `plumb stage new` has created. In the documentation, the reader is asked to do
-    /// the same.
+    /// folder that `plumb stage new` has created, as the documentation asks its readers to do.
     fn run_examples(&mut self, file: &str, blocks: &[Block]) {
         let mut walk = Walk::start(file);
         let mut printed = String::new();

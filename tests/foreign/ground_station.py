@@ -83,7 +83,7 @@ for t in times:
         rate_errors.append(max((rate - Vector3(m.rollspeed, m.pitchspeed, m.yawspeed)).length() for m in (q, a)))
     differences = {name: max(differences[name], found[name]) for name in differences}
 
-# The messages of an attitude are equal where they have the same fields.
+# The messages for one attitude must have equal values in the fields that they share.
 ROTATION_VARIANCES = (15, 18, 20)
 unequal = [
     t for t, o in odometry.items()

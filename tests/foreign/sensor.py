@@ -43,7 +43,7 @@ while not ended.is_set():
         print(json.dumps({"t": t_ns, "rate": bits(rate_rad_s), "force": bits(force_m_s2), "field": field, "velocity": velocity}), flush=True)
     except FeedError as error:
         failed += 1
-        # Both connections are closed, because they belong to the same run of the system.
+        # Both publishers are closed, because both have joined the run of the system that has ended.
         sensor.close()
         receiver.close()
         print(json.dumps({"gone": str(error)}), flush=True)

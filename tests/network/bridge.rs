@@ -269,7 +269,8 @@ fn ros_bridge_publishes_field_in_tesla_without_tf() {
     assert!(sent["fields"].as_u64().unwrap() >= 50 && sent["diagnostics"].as_u64().unwrap() >= 2, "{sent}");
 }
 
-/// Checks the statuses of a running system, except the level of the attitude. Returns that status.
+/// Checks the diagnostic statuses of a running system, except the level of the status `attitude`.
+/// Returns the status `attitude`.
 fn assert_diagnostics<'a>(statuses: &'a Value, system: &str) -> &'a Value {
     let statuses = statuses.as_array().unwrap();
     let status = |name: &str| {

@@ -60,7 +60,7 @@ fn run_json(port: u16, keys: &Path, arguments: &[&str]) -> Value {
     serde_json::from_str(String::from_utf8(output.stdout).unwrap().lines().last().unwrap()).unwrap()
 }
 
-/// Returns the vehicles that a station reports.
+/// Returns the vehicles in the report of `plumb station`.
 fn vehicles(port: u16, keys: &Path, seconds: &str) -> Vec<Value> {
     run_json(port, keys, &["station", "--for", seconds])["vehicles"].as_array().unwrap().clone()
 }

@@ -1,4 +1,4 @@
-//! Real processes that are fed over the bus: accuracy, order, latency and clean-up.
+//! Systems of real processes that are fed over the bus: accuracy, order, latency and clean-up.
 use std::time::{Duration, Instant};
 
 use crate::common::{System, inclination_deg, is_alive, signal, wait_for};
@@ -19,7 +19,7 @@ pub(crate) const BUFFER_MESSAGES: usize = 15_000;
 pub(crate) const BUS_LAUNCH: &str =
     "buffer_s = 30.0\nlateness_s = 20.0\n[ingest]\nsource = \"bus\"\n[ingest.bus]\nrate_hz = 500.0\n";
 
-/// System that reads its sensors from the bus, with the bus ports of the test.
+/// System that reads its sensors from the bus, with the test's own publisher and subscriber.
 pub(crate) struct Bench {
     pub(crate) system: System,
     pub(crate) running: Option<crate::common::Running>,
@@ -75,7 +75,7 @@ impl Bench {
         self.send_at(RATE_HZ, readings, before);
     }
 
-    /// Sends readings at a rate other than the nominal one, with unchanged timestamps.
+    /// Sends readings at the given rate, with timestamps of the nominal rate.
     pub(crate) fn send_at(&self, rate_hz: f64, readings: &[SensorReading], mut before: impl FnMut(usize)) {
         let start_ns = monotonic_ns();
         for (count, reading) in readings.iter().enumerate() {

@@ -104,8 +104,8 @@ fn replayed_flight_writes_same_columns_and_records_frame() {
     let replayed = run_output(&system, &["--columns", "bias,uvz", "--replay", flight.to_str().unwrap()]);
     assert!(recorded == replayed, "the bytes differ");
     assert!(recorded.starts_with("t_s,qw,qx,qy,qz,bias_x_rad_s,bias_y_rad_s,bias_z_rad_s,chart,u,v,z_rad\n"));
-    // The topics in a flight stay in native axes, so importing the flight does not require the
-    // output frame.
+    // In a flight, the topics keep the system's own axes and only the file header names the output
+    // frame. Importing the flight must not require that frame.
     let info = plumb(&["info", flight.to_str().unwrap(), "--json"]).output().unwrap();
     let info: Value = serde_json::from_slice(&info.stdout).unwrap();
     let text = info.to_string();

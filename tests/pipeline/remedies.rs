@@ -186,7 +186,7 @@ fn text_with_constant_times_is_read_by_its_remedy() {
     assert_remedy_reads(&system, &file);
 }
 
-/// Each command in the table of formats is run by a test above or is listed in [`NOT_RUN`].
+/// Each command in the table of formats must be run by a test above or be listed in [`NOT_RUN`].
 #[test]
 fn every_conversion_is_in_a_list() {
     let table = include_str!("../../tools/import/src/format.rs");

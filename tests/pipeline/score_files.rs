@@ -44,8 +44,8 @@ fn scores_can_be_recomputed_from_table() {
         assert!((length - reported("gyro_bias_deg_s")).abs() < 1e-9, "{fuser}: {bias:?}");
         assert!(columns["true_u"].iter().chain(&columns["inclination_sd_rad"]).all(|value| value.is_finite()));
         assert_eq!(columns["course_rad"].len(), columns["true_course_rad"].len());
-        // The open-loop gyro starts at the accelerometer's up vector and then drifts. The
-        // accelerometer's error does not change.
+        // The attitude of the gyro alone starts at the accelerometer's up vector and then drifts.
+        // The accelerometer's error does not grow.
         let distance = |of: &str, row: usize| {
             let axis_error = |axis: &str| columns[&format!("{of}_{axis}")][row] - columns[&format!("true_{axis}")][row];
             axis_error("u").hypot(axis_error("v"))

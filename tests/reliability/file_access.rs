@@ -72,7 +72,8 @@ fn run_as_other_user(line: &str) -> Option<Output> {
 /// Returns the kinds of access that another user has to the files: read, write, lock, truncate or
 /// remove. The result is empty if that user has no access.
 ///
-/// The attempts create no file, so a file that its owner has just removed does not count.
+/// No attempt creates a file. A file that its owner has just removed therefore does not count as
+/// accessible.
 fn access_by_other_user(system: &System) -> String {
     let files: Vec<_> = file_entries(system).iter().map(|one| format!("'{}'", one.path.display())).collect();
     let tries = "test -r $f && echo reads $f; test -w $f && echo writes $f; (flock -n 9) 9< $f && echo locks $f; \

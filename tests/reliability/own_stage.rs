@@ -128,8 +128,8 @@ fn stage_in_any_language_swaps_without_loss() {
     }
 }
 
-/// Runs the stage with the given arguments until `end` has returned and the run has ended. Returns
-/// its output, the number of ticks and the messages on standard error.
+/// Runs the stage with the given arguments. Calls `end`, which may stop the system, and waits for
+/// the run to end. Returns its output, the number of ticks and the messages on standard error.
 fn output_bytes(compiler: &str, arguments: &[&str], end: impl FnOnce(&System, &Running)) -> (Vec<u8>, usize, String) {
     let system = system_with_stage(compiler, &format!("{SIM}[fuser]\nstage = \"my-fuser\"\n"));
     let out = system.path("out.csv");

@@ -172,7 +172,7 @@ impl SlotProcessor for Faulty {
 }
 
 impl Faulty {
-    /// Sleeps if a decision has been received that names this incarnation as the owner.
+    /// Sleeps if this incarnation has received a decision that makes it the owner.
     fn sleep_when_decided(&mut self) {
         let (mut named, incarnation) = (false, self.incarnation);
         self.control.drain(64, |control| named |= control.owner == incarnation).unwrap();

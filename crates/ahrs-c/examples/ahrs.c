@@ -3,8 +3,8 @@
  * usage: ahrs < recording.csv
  *
  * The recording has a header line and the columns t_s, gyro in rad/s, specific force in m/s^2 and
- * magnetic field in microtesla; further columns are ignored. Printed are quaternion and heading of
- * each sample, with all digits. */
+ * magnetic field in microtesla; further columns are ignored. The program prints quaternion and
+ * heading of each sample, with all digits. */
 #include <plumbline_ahrs.h>
 
 #include <math.h>

@@ -21,7 +21,7 @@ fn header_is_current() {
     }
 }
 
-/// Removes the `# Safety` sections, each of which ends with its comment.
+/// Removes the `# Safety` sections. A section extends to the end of its comment.
 fn without_safety(header: &str) -> String {
     let (mut kept, mut is_safety) = (Vec::new(), false);
     for line in header.lines() {

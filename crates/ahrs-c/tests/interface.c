@@ -1,4 +1,4 @@
-/* Calls each function of the interface, valid and invalid. Prints "ok". */
+/* Calls each function of the interface with valid and invalid arguments. Prints "ok". */
 #include <plumbline_ahrs.h>
 
 #include <math.h>
@@ -16,7 +16,7 @@
     } while (0)
 #define CHECK_STATUS(call, status) CHECK((call) == PLUMBLINE_STATUS_##status)
 
-/* Replacements of the allocator, which count. */
+/* Replacements of the allocation functions. They count the allocations. */
 static long allocations = 0;
 extern
 #ifdef __cplusplus

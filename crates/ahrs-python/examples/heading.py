@@ -1,4 +1,4 @@
-"""Prints the heading over a recording, and the cost of a sample.
+"""Prints the heading over a recording, and the computing time per sample.
 
     python3 examples/heading.py samples/broad.csv.gz
 """

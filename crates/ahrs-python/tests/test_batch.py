@@ -113,7 +113,7 @@ def test_other_threads_run_during_a_batch() -> None:
     worker = threading.Thread(target=ahrs.update_batch, args=(rows, rows, None, 0.01))
     with_gil = threading.Event()
     worker.start()
-    # The filter can only be seen in use by a thread that runs during the batch.
+    # A call fails with RuntimeError only if this thread runs while the batch uses the filter.
     while worker.is_alive() and not with_gil.is_set():
         try:
             _ = ahrs.rejected

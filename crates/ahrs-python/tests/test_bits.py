@@ -1,4 +1,4 @@
-"""The attitudes have the bits of the Rust crate, and its errors on BROAD."""
+"""The attitudes equal those of the Rust crate bit for bit and have the same errors on BROAD."""
 
 import csv
 import json
@@ -86,7 +86,7 @@ def rmse_deg(estimate: NDArray[np.float64], recording: Recording) -> float:
 
 
 def trials() -> list[Path]:
-    """Return the trials of BROAD, or the sample recording without them."""
+    """Return the trials of BROAD, or the sample recording if they are not installed."""
     data = Path(os.environ.get("PLUMBLINE_DATA", ROOT.parent / "shared/data"))
     return sorted(data.glob("broad/*.csv.gz")) or [ROOT / "samples/broad.csv.gz"]
 

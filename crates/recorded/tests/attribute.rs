@@ -1,4 +1,4 @@
-//! A marked test runs only if the recordings exist.
+//! Tests that a function marked with `recorded::test` runs only if the recordings exist.
 use std::{env, path::PathBuf};
 
 #[recorded::test]

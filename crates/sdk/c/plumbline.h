@@ -84,9 +84,10 @@ typedef struct {
     /* Relative scale error of the rate about each axis. */
     double gyro_scale[3], gyro_scale_sd[3];
     double hard_iron_ut[3], hard_iron_sd_ut;
-    /* V of a levelling loop, east and north in the attitude's reference frame: V' = h - V/T, with
-       the horizontal specific force h and T = 1.5 to 3 s. If V is unknown, it is 0 and its standard
-       deviation is infinite. */
+    /* Leaky integral V of the horizontal specific force h: V' = h - V/T, where T is 1.5 to 3 s. A
+       levelling loop tilts its level at a rate proportional to V. The components are east and north
+       in the attitude's reference frame. If V is unknown, it is 0 and its standard deviation is
+       infinite. */
     double leaky_velocity_m_s[2], leaky_velocity_sd_m_s;
 } plumbline_estimate;
 /* Input of course. */

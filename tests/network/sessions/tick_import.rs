@@ -31,7 +31,8 @@ impl Board {
     }
 }
 
-/// Returns two setups. In one, the board connects to a router; in the other, it listens itself.
+/// Returns two setups: one in which the board connects to a router, and one in which the board
+/// itself listens.
 fn board_setups() -> Vec<BoardSetup> {
     [false, true].map(BoardSetup::new).into()
 }

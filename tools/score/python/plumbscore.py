@@ -218,7 +218,7 @@ class Run:
 
 def run(plumb: str | Path, files: Sequence[str], fusers: Sequence[str] = (), folder: str | Path | None = None,
         settings: Mapping[str, float | str] | None = None, options: Sequence[str] = ()) -> Run:
-    """Runs `plumb score` on recordings or simulations. Tables are written to `folder`, which should be empty, if it is given."""
+    """Runs `plumb score` on recordings or simulations. If `folder` is given, the tables are written to it. It should be empty."""
     selected = [f"--fuser={fuser}" for fuser in fusers] + [f"--set={key}={value}" for key, value in (settings or {}).items()]
     tables = [] if folder is None else [f"--csv={folder}"]
     command = [str(plumb), "score", *files, *selected, *tables, *options, "--json"]

@@ -6,12 +6,12 @@ use plumbline_ahrs::Attitude;
 pub(crate) struct Digest(pub(crate) u64);
 
 impl Digest {
-    /// Returns the digest of no attitude.
+    /// Returns the digest before any attitude is added.
     pub(crate) fn new() -> Self {
         Self(0xcbf2_9ce4_8422_2325)
     }
 
-    /// Adds all values of an attitude.
+    /// Adds all values of an attitude to the digest.
     pub(crate) fn add(&mut self, attitude: &Attitude) {
         words(attitude).for_each(|word| self.add_word(word));
     }

@@ -38,8 +38,10 @@ fn attitude_fix(t_s: f64, present: Option<()>) -> Option<plumbline_ahrs::attitud
     })
 }
 
-/// Runs system and filter over 2,000 readings, of which `edit` alters some, and compares their
-/// bits. Returns the union of all flags.
+/// Runs the system and the filter over 2,000 readings and asserts that their outputs are equal bit
+/// for bit.
+///
+/// `edit` may alter each reading before both receive it. Returns the union of all flags.
 fn run(stage: &str, edit: impl Fn(i64, &mut Reading)) -> Flags {
     let mut launch = Launch::default();
     launch.fuser.stage = stage.into();

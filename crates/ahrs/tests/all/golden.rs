@@ -1,8 +1,8 @@
 //! Golden digests of the filter with each stage over the sample recording.
 //!
-//! `golden/broad.csv` contains a digest of all attitudes so far for every 1000 samples and for the
-//! end. The Python package and other processors are compared with the same file. After an intended
-//! change, run the command that the failing test shows.
+//! After every 1000 samples and at the end, `golden/broad.csv` contains a digest of all attitudes
+//! up to that sample. The Python package and other processors are compared with the same file.
+//! After an intended change, run the command that the failing test shows.
 use std::{fmt::Write as _, fs, path::Path};
 
 use plumbline_ahrs::{Ahrs, AhrsBuilder, Slot, stages::Fuser};

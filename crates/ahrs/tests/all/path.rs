@@ -1,4 +1,4 @@
-//! Bits of the outputs of the system's data path and of the filter.
+//! Data path of the system, and bit patterns for comparing its outputs with those of the filter.
 
 use launch::{Launch, Source};
 use messages::{AttitudeOutput, FusedState};
@@ -33,7 +33,7 @@ impl System {
     }
 }
 
-/// Passes a reading to the filter with the call for all sensors.
+/// Passes a reading to the filter with `update_at`, after its fix, if any.
 pub(crate) fn update<F: FuserStage>(ahrs: &mut Ahrs<F>, reading: &Reading) -> Attitude {
     if let Some(received) = reading.fix {
         ahrs.update_gnss(&plumbline_ahrs::GnssFix {

@@ -9,7 +9,8 @@ use recording::Reader;
 
 use crate::path::{System, bits, system_bits, update};
 
-/// Compares the filter with the system on a recording. Returns the number of ticks.
+/// Asserts that the filter and the system have the same outputs on a recording. Returns the number
+/// of ticks.
 fn compare(path: &Path) -> usize {
     let mut system = System::new(Launch::default(), recording::survey(path).unwrap().rate_hz);
     let (mut stamped, mut timed) = (Ahrs::new(), Ahrs::new());

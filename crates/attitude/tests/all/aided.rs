@@ -1,5 +1,5 @@
-//! Tests of the fuser `aided` other than its accuracy: invalid input, snapshots, a day of flight,
-//! operation without a receiver, parameters.
+//! Tests of the fuser `aided`, except those of its accuracy: invalid input, snapshots, a day of
+//! flight, operation without a receiver, parameters.
 use attitude::{
     GRAVITY_M_S2, Vector3,
     accel::Accelerometer,

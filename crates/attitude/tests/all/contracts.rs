@@ -180,7 +180,7 @@ fn adopted_estimate_is_continued() {
             };
             fuser.adopt(&estimate).unwrap();
             assert!(angle_deg(fuser.common().attitude, start) < 1e-9, "{name}");
-            // The heading of the gyro slot's attitude is unrelated to the heading of the adopted
+            // The gyro slot's attitude starts with a heading unrelated to that of the adopted
             // attitude.
             let mut gyro = Gyro::from_name("mobius").unwrap();
             gyro.align(Attitude::from_angles(Angles { yaw_rad: 2.0, pitch_rad: 0.2, roll_rad: -0.4 }));
@@ -194,9 +194,9 @@ fn adopted_estimate_is_continued() {
                 let out = fuser.step(&input);
                 // `madgwick` corrects the attitude by its gain times the interval, however large
                 // the error is, and compares the force with the attitude of the previous interval.
-                // `wz-open` low-pass filters the difference between the accelerometer's point w and
-                // the gyro slot's. If the two points differ, their difference varies as the body
-                // rotates.
+                // `wz-open` low-pass filters the difference between two points w: that of the
+                // accelerometer and that of the gyro slot's attitude. If the points differ, their
+                // difference varies as the body rotates.
                 let limit_deg = match name {
                     "madgwick" => 1.0,
                     "wz-open" if tick > 0 && rate_rad_s == moving_rad_s => 180.1,

@@ -32,9 +32,10 @@ fn course(name: &str, settings: &[(&str, f64)]) -> Course {
     course
 }
 
-/// Returns the readings over `seconds` at 100 Hz, with yaw and track as functions of time.
+/// Runs a stage for `seconds` at 100 Hz and returns its readings.
 ///
-/// Every tenth tick has the fix that `track` returns, if any.
+/// `yaw` and `track` receive the time, s. `track` is called at every tenth tick and returns a fix,
+/// if any.
 fn run(
     course: &mut Course,
     seconds: f64,

@@ -1,5 +1,6 @@
-//! Reported standard deviations. Each error is divided by its reported standard deviation. The
-//! quantiles of these normalised errors are compared with those of a normal distribution.
+//! Tests of the reported standard deviations. Each error is divided by its reported standard
+//! deviation, and the quantiles of these normalised errors are compared with those of a normal
+//! distribution.
 //!
 //! `cargo test --release -p plumbline-attitude deviations:: -- --nocapture` prints every figure.
 //!
@@ -152,8 +153,9 @@ fn aided_sd_with_sensor_parameters_is_consistent() {
     check("cruise-hard?gnss=never", &CRUISE_HARD, 0.2);
 }
 
-/// Tests that the reported standard deviations are not too small if the gyro is configured as
-/// simulated and the simulated receiver is better than configured.
+/// Tests the case in which the gyro parameters match the simulation but the simulated receiver is
+/// better than its parameters. The reported standard deviations may then be too large, but not too
+/// small.
 #[test]
 fn aided_sd_with_gyro_parameters_is_not_too_small() {
     let [inclination, heading] = simulated("aided", "cruise", &CRUISE, 3);

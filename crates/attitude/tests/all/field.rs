@@ -1,4 +1,5 @@
-//! Heading of `wz` in simulated magnetic fields: estimated errors, convergence and faults.
+//! Tests the heading of `wz` in simulated magnetic fields: estimated sensor errors, convergence and
+//! faults.
 use attitude::{
     GRAVITY_M_S2, Vector3,
     accel::Accelerometer,
@@ -19,8 +20,7 @@ struct World {
     field_interval_ticks: u64,
     delay_s: f64,
     rest_s: f64,
-    /// Factor by which the movement is faster than that of [`attitude_at`], which has a mean rate
-    /// of 1.4 rad/s.
+    /// Speed of the movement relative to [`attitude_at`], which has a mean rate of 1.4 rad/s.
     speed_factor: f64,
     /// Magnetic field, east, north, up, µT.
     field_ut: [f64; 3],

@@ -3,37 +3,47 @@
 //! Input: trials of BROAD without magnetic disturbance, and one next to a magnet. Each trial has
 //! swaps after 30, 50 and 70 % of its scored rows.
 //!
-//! Output: errors with the swap, compared with those of each fuser alone, both from the swap on and
-//! over the whole trial. The first fuser may be the worse one before the swap, and the second fuser
-//! the worse one after it. The error over the whole trial then exceeds that of either fuser alone,
-//! even if the hand-over is faultless. A second comparison value is therefore accepted: the error
-//! of the first fuser before the swap combined with that of the second fuser after it.
+//! Output: errors with the swap, compared with the errors of each fuser that runs alone. Two errors
+//! are compared: that from the swap on and that over the whole trial.
+//!
+//! Over the whole trial, even a faultless hand-over may have a larger error than either fuser
+//! alone, if the first fuser is the worse one before the swap and the second fuser is the worse one
+//! after it. The error over the whole trial is therefore also accepted if it does not exceed the
+//! error of the first fuser before the swap combined with that of the second fuser after it.
 //!
 //! Failure: without the recordings the tests are skipped with a message.
 //!
-//! The following holds for the level, and for the whole attitude if both fusers refer to magnetic
-//! north:
+//! # Handed-over values
 //!
 //! - Every fuser hands over a gyro bias: its own estimate, the one received, or the mean rate at
 //!   rest. The scale is handed over as received.
 //! - `wz`, `multiple-model` and `vqf` hand over the leaky velocity that tilts their level.
-//! - After a fuser with a small error (`wz`, `multiple-model` or `vqf`), on all six trials, the
-//!   error over the whole trial is at most that of the worse fuser plus a margin of 0.05°. For a
-//!   swap to `vqf`, which does not estimate the error of a received velocity, this margin is 0.07°
-//!   for the level and 0.1° for the heading. For swaps between `wz` and `multiple-model`, which
-//!   have equal errors on these trials, the margins are in `SAME_FUSER`.
-//! - After such a fuser, the margin of the error from the swap on is 0.05° for the level (0.12° for
-//!   the level of `vqf`) and up to 0.25° for the heading, because `wz` hands over an error of 1.6°
-//!   at one of the swaps. The heading of `wz-open`, which is wrong by 13°, has a margin of 0.55°.
-//! - After any other fuser, on the trials without disturbance, the level of `wz`, `multiple-model`,
-//!   `vqf` and `levelling-pi` has a margin of 0.05°. The heading has a margin of 0.05° for `wz` and
-//!   `multiple-model` and 0.25° for `vqf`. The margins of the other fusers are in `LIMITS`. A fuser
-//!   that is wrong by up to 30° at the swap hands over that error, and a successor with fixed gains
-//!   removes it with its own time constant. `aided` assumes the sum of its own initial uncertainty
-//!   and the reported one.
-//! - In the trial next to the magnet, nothing is asserted after a fuser other than the three
-//!   accurate ones, because `wz-closed` is wrong by 70° there and `madgwick` keeps the attitude it
-//!   receives.
+//!
+//! # Margins
+//!
+//! A margin is the amount by which the error with the swap may exceed that of the worse fuser. The
+//! margins apply to the level, and to the whole attitude if both fusers refer to magnetic north.
+//!
+//! The first fuser has a small error (`wz`, `multiple-model` or `vqf`), all six trials:
+//!
+//! - The margin of the error over the whole trial is 0.05°. For a swap to `vqf`, which does not
+//!   estimate the error of a received velocity, it is 0.07° for the level and 0.1° for the heading.
+//!   For swaps between `wz` and `multiple-model`, which have equal errors on these trials, the
+//!   margins are in `SAME_FUSER`.
+//! - The margin of the error from the swap on is 0.05° for the level (0.12° for the level of `vqf`)
+//!   and up to 0.25° for the heading, because `wz` hands over an error of 1.6° at one of the swaps.
+//!   The heading of `wz-open`, which is wrong by 13°, has a margin of 0.55°.
+//!
+//! The first fuser is any other, trials without magnetic disturbance:
+//!
+//! - The margin is 0.05° for the level of `wz`, `multiple-model`, `vqf` and `levelling-pi`. For the
+//!   heading it is 0.05° for `wz` and `multiple-model` and 0.25° for `vqf`.
+//! - The margins of the other second fusers are in `LIMITS`. A first fuser that is wrong by up to
+//!   30° at the swap hands over that error, and a second fuser with fixed gains removes it with its
+//!   own time constant. `aided` adds the reported uncertainty to its own initial one.
+//!
+//! The first fuser is any other, trial next to the magnet: nothing is asserted, because `wz-closed`
+//! is wrong by 70° there and `madgwick` keeps the attitude it receives.
 #[allow(dead_code, reason = "each test file uses its part")]
 use std::ops::Add;
 

@@ -227,7 +227,7 @@ fn wz_record_with_implausible_value_is_rejected() {
         }
     }
     println!("{rejected} of {} values rejected", valid.len);
-    // The rejected values are attitude and azimuth, bias and scale, 100 values of the covariance,
+    // The rejected values are those of the attitude and azimuth, bias and scale, 100 covariances,
     // times and variances.
     assert!(rejected >= 110, "{rejected}");
     chain.fuser.restore(&valid).unwrap();

@@ -392,8 +392,8 @@ fn record_with_negative_variance_or_time_is_rejected() {
                 stage.restore(&damaged).is_err()
             })
             .count();
-        // The attitude, times, variances and the intervals in the ring buffer have a fixed sign or
-        // a bound, so a value of −1000 is rejected there.
+        // A value of −1000 is rejected only if the field has a fixed sign or a bound. This applies
+        // to the attitude, times, variances and the intervals in the ring buffer.
         let min_rejected = match fuser {
             "levelling" => 7,
             "levelling-unified" => 14,

@@ -23,7 +23,7 @@ fn from_name(name: &str) -> Fuser {
 }
 
 /// Returns the inputs of a trial without the ticks for which `is_missing` is true. The rotation
-/// during a gap is computed from the rate after it.
+/// during a gap is computed from the rate after the gap.
 fn inputs(trial: &[Row], magnetic: bool, is_missing: impl Fn(usize) -> bool) -> Vec<FuserInput> {
     let (mut gyro, mut accel) = (Gyro::from_name("mobius").unwrap(), Accelerometer::default());
     let mut previous = 0;
@@ -71,7 +71,8 @@ fn gaps_in_motion_are_not_taken_for_turns() {
 
 /// Returns the outputs of a cruise until `until_s`, followed by `rest_s` seconds at rest.
 ///
-/// The cruise has fixes from 10 s onwards. The rest follows without a landing and has no fixes.
+/// The cruise has fixes from 10 s onwards. The rest begins at once, without a landing, and has no
+/// fixes.
 fn fly_and_rest(until_s: f64, rest_s: f64, magnetic: bool) -> Vec<(f64, Fused)> {
     let mut scenario = Scenario::parse("cruise?duration_s=600").unwrap();
     scenario.errors.magnetometer = magnetic.then_some(Magnetometer { reference_ut: FIELD_UT, noise_ut: 0.5 });

@@ -1,5 +1,5 @@
-//! Tests on recordings for steps of the attitude that the body has not made. Within a tick, the
-//! rotation measured by the gyro may be corrected only by a small step or by an announced one.
+//! Tests on recordings that the attitude makes no step that the body did not make. At each tick, a
+//! fuser may correct the rotation measured by the gyro only by a small or an announced step.
 //!
 //! Input: log of a multicopter (PX4), trials of BROAD, an aerobatic flight.
 //!
@@ -193,7 +193,7 @@ fn aerobatic_flight_has_no_unannounced_step() {
     }
 }
 
-/// At 8.05 s, rest is detected after a movement.
+/// The body comes to rest after a movement. The fuser detects the rest at 8.05 s.
 #[test]
 fn bias_found_at_rest_does_not_disturb_level() {
     const REST_S: core::ops::Range<f64> = 7.0..9.0;

@@ -78,8 +78,8 @@ fn vehicle_manoeuvres_cause_no_unannounced_jump() {
             previous = fused.attitude;
         }
         println!("{name}: worst inclination error of wz {wz_deg:.1}°, of VQF {vqf_deg:.1}°");
-        // The step response of the loop may overshoot by a quarter of the step, much more than that
-        // of a Butterworth filter.
+        // The step response of `wz` may overshoot by a quarter of the step, much more than that of
+        // the Butterworth filter in VQF.
         assert!(wz_deg < 1.35 * vqf_deg + 2.0, "{name}: {wz_deg}°, VQF {vqf_deg}°");
     }
 }

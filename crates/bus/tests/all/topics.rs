@@ -143,7 +143,8 @@ fn drain_finds_history_delivered_later() {
 
 #[test]
 fn topic_needs_little_more_memory_than_its_messages() {
-    /// At least the number of subscriptions for which a topic has buffers.
+    /// Number of subscriptions assumed in the memory limit. A topic has buffers for at most this
+    /// many.
     const SUBSCRIBERS: usize = 45;
     const OVERHEAD_BYTES: usize = 128;
     let Pair { here, system_name, .. } = &pair();

@@ -15,12 +15,13 @@ const RATE_HZ: f64 = 10.0;
 /// Noise of an axis: random walk N, bias instability B and bias walk K.
 type Truth = [f64; 3];
 
-/// Gyro noise of which an hour determines every coefficient: °/√s, °/s and °/s/√s.
+/// Gyro noise, °/√s, °/s and °/s/√s. An hour of readings determines every coefficient.
 const GYRO: Truth = [0.005, 0.004, 0.001];
-/// Accelerometer noise of which an hour determines every coefficient: m/s/√s, m/s² and m/s²/√s.
+/// Accelerometer noise, m/s/√s, m/s² and m/s²/√s. An hour of readings determines every coefficient.
 const ACCEL: Truth = [0.002, 0.0012, 0.0003];
 
-/// Discrete Fourier transform of complex numbers. Their number is a power of two.
+/// Replaces complex numbers with their discrete Fourier transform. The length must be a power of
+/// two.
 fn fourier(values: &mut [(f64, f64)]) {
     let n = values.len();
     let bits = n.trailing_zeros();
@@ -109,7 +110,7 @@ fn estimates(axis: &AxisNoise) -> [Estimate; 3] {
     [axis.random_walk, axis.bias_instability, axis.bias_walk]
 }
 
-/// Counts of estimates of one noise type.
+/// Counts over all estimates of one noise type.
 #[derive(Debug, Default, Clone, Copy)]
 struct Counts {
     within: usize,
@@ -120,7 +121,7 @@ struct Counts {
     log_error: f64,
 }
 
-/// Counts how often intervals contain the truth, over seeds and axes.
+/// Counts, over seeds and axes, how often the estimated intervals contain the truth.
 fn count(duration_s: f64, gyro: &Truth, accel: &Truth, seeds: u64) -> [Counts; 3] {
     let mut counts = [Counts::default(); 3];
     for seed in 0..seeds {
@@ -183,7 +184,7 @@ fn needed_time_of_unseen_noise_suffices() {
     assert!(matches!(longer.sensors[0].axes[1].bias_walk, Estimate::Determined { .. }), "{longer}");
 }
 
-/// Moves the readings from `from_s` to `to_s`.
+/// Adds a rotation to the readings between `from_s` and `to_s`, as if the unit had been shaken.
 fn shake(samples: &mut [Sample], from_s: f64, to_s: f64) {
     for sample in samples {
         let t_s = sample.t_ns as f64 * 1e-9;

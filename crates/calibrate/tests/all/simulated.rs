@@ -198,8 +198,8 @@ fn mounting_level_and_nose_down_pose_match_truth() {
         let mounting = exp(noise.direction() * (3.1 * noise.unit()));
         let level = exp(Vector3::z() * noise.within(3.0));
         let angle_rad = 0.5 + 0.8 * noise.unit();
-        // Avoids a nose-down pose with an axis of the unit near the vertical, because such a pose
-        // is refused if the level pose has no such axis.
+        // A nose-down pose is refused if it has an axis of the unit near the vertical and the level
+        // pose has none. Such poses are therefore avoided.
         let nose_down = [angle_rad, angle_rad + 0.4]
             .map(|angle_rad| level * exp(Vector3::x() * -angle_rad))
             .into_iter()

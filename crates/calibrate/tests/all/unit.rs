@@ -116,8 +116,8 @@ impl Unit {
         Self { rate_hz: 100.0, errors, noise: MEMS, seed }
     }
 
-    /// Returns readings while the body goes through poses (body → earth). It spends `rest_s` in
-    /// each pose and `move_s` between poses.
+    /// Returns readings while the body moves from pose to pose (body → earth). It spends `rest_s`
+    /// in each pose and moves for `move_s` between poses.
     pub(crate) fn readings_in_poses(&self, poses: &[Quaternion<f64>], rest_s: f64, move_s: f64) -> Vec<Sample> {
         let period_s = rest_s + move_s;
         let rotations: Vec<_> = poses.windows(2).map(|pair| scaled_axis(pair[0].conjugate() * pair[1])).collect();
@@ -160,7 +160,7 @@ impl Unit {
     }
 }
 
-/// Returns the rotation about the axis of `rotation` by its norm, rad.
+/// Returns the rotation about the direction of `rotation` by its length, rad.
 pub(crate) fn exp(rotation: Vector3<f64>) -> Quaternion<f64> {
     let half = 0.5 * rotation.norm();
     let along = if half > 1e-12 { rotation * (half.sin() / (2.0 * half)) } else { rotation * 0.5 };

@@ -48,8 +48,8 @@ fn device(root: &Path) -> std::path::PathBuf {
     device
 }
 
-/// Record of six 16-bit numbers (12 bytes), three 32-bit numbers (12 bytes) and the timestamp (8
-/// bytes).
+/// Returns a record of six 16-bit numbers (12 bytes), three 32-bit numbers (12 bytes) and the
+/// timestamp (8 bytes).
 fn record(rate: [i16; 3], force: [i16; 3], field: [i32; 3], t_ns: i64) -> Vec<u8> {
     let rate = rate.map(i16::to_be_bytes).concat();
     // The four lowest bits are not significant.
@@ -96,8 +96,8 @@ fn enabled_channel_shifts_later_ones() {
     let before = sysfs::prepare(&device, 2, None).unwrap();
     fs::write(device.join("scan_elements/in_temp_en"), "1").unwrap();
     let after = sysfs::read(&device).unwrap();
-    // Before: 24 bytes of vectors and 8 of timestamp. After: 2 bytes of temperature and 6 of
-    // padding are inserted between them.
+    // Without the temperature, a record has 24 bytes of vectors and 8 of timestamp. With it, 2
+    // bytes of temperature and 6 of padding are inserted between them.
     assert_eq!((before.time.unwrap().byte_offset, before.record_bytes), (24, 32));
     assert_eq!((after.time.unwrap().byte_offset, after.record_bytes), (32, 40));
     assert_eq!(fs::read_to_string(device.join("sampling_frequency")).unwrap(), "25\n");
@@ -140,7 +140,8 @@ fn errors_name_the_file_and_expectation() {
     assert_eq!(fs::read_dir(&empty).unwrap().count(), 0);
 }
 
-/// Creates a device of one quantity: three 16-bit numbers, two bytes of padding, a timestamp.
+/// Creates a device that measures one quantity: three 16-bit numbers, two bytes of padding, a
+/// timestamp.
 fn single_quantity_device(root: &Path, folder: &str, name: &str) -> decoders::iio::Layout {
     let device = root.join(folder);
     fs::create_dir_all(device.join("scan_elements")).unwrap();

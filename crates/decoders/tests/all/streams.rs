@@ -76,7 +76,7 @@ pub(crate) fn witmotion_frame(kind: u8, numbers: [u8; 8]) -> Vec<u8> {
     frame
 }
 
-/// Frames with time, force, rate, angles and field.
+/// Returns frames with time, force, rate, angles and field.
 fn witmotion_cycle(n: u32) -> Vec<u8> {
     let with = |three: [u8; 6]| [three[0], three[1], three[2], three[3], three[4], three[5], 0x10, 0x0a];
     let [low, high] = ((n * 10 % 1000) as u16).to_le_bytes();
@@ -232,7 +232,7 @@ fn sentence(n: u32) -> Vec<u8> {
     ))
 }
 
-/// Layout of a 16-bit big-endian rate and force and a timestamp.
+/// Returns the layout of a 16-bit big-endian rate, a force of the same type, and a timestamp.
 fn layout() -> Layout {
     let channel = |at, bytes, bits| Channel {
         byte_offset: at,

@@ -134,7 +134,7 @@ def nmea(file):
 
 
 def witmotion(file):
-    """Random frames, decoded by the readers of the package `witmotion`."""
+    """Writes random frames. The readers of the package `witmotion` give the expected values."""
     from witmotion import protocol
 
     rng = random.Random(9)
@@ -152,7 +152,8 @@ def witmotion(file):
 
 
 def rvc(file):
-    """Rotations by multiples of 0.01° about one axis after the other, decoded by the package's reader."""
+    """Writes rotations by multiples of 0.01°, first about one axis, then about the next. The reader of
+    the package `adafruit_bno08x_rvc` gives the expected values."""
     import struct
     import types
 
@@ -182,7 +183,8 @@ def rvc(file):
 
 
 def mavlink_all(file):
-    """Every message of the dialect `ardupilotmega`, with a payload of zeros. Only SCALED_IMU yields a measurement."""
+    """Writes every message of the dialect `ardupilotmega`, with a payload of zeros. Only SCALED_IMU
+    yields a measurement."""
     from pymavlink.dialects.v20 import ardupilotmega as dialect
 
     link = dialect.MAVLink(file, srcSystem=1, srcComponent=1)

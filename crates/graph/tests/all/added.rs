@@ -1,4 +1,4 @@
-//! Queries on a table with additional lines.
+//! Queries on the topic table with additional lines.
 use graph::{Buffer, Graph, Participant, Presence, Service};
 
 mod extended {
@@ -45,7 +45,8 @@ fn added_dense_topic_makes_its_publisher_a_source() {
     assert_eq!(GRAPH.sources(Service::Course).collect::<Vec<_>>(), [Service::Fuser, Service::Gateway]);
 }
 
-/// Macro that a caller applies to the table, with a match arm for each line.
+/// Example of a user-defined macro that is applied to the table. It creates a match arm for each
+/// line.
 macro_rules! payload_of {
     ({ $topic_value:expr } $($topic:ident = $name:literal: $payload:ident, $presence:ident $(($flag:ident))?, $buffer:ident,
         $publisher:ident => [$($subscriber:ident),*];)*

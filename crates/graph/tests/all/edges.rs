@@ -1,4 +1,4 @@
-//! Queries on the system's table.
+//! Queries on the system's topic table.
 use graph::{
     Presence, Service,
     Service::{Accel, Cockpit, Course, Drivers, Fuser, Gateway, Gyro, Ingest},

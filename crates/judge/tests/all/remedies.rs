@@ -1,4 +1,4 @@
-//! Remedies: each suggested line removes the issue for which it is printed.
+//! Remedies: each suggested option or launch-file line removes the issue for which it is printed.
 
 use std::{collections::BTreeSet, fmt::Write as _, fs};
 
@@ -9,12 +9,14 @@ use readings::source::Reading;
 
 use crate::common::{Change, INPUT_ERRORS, diagnose_with, readings, scaled};
 
-/// Issues with remedies in the wiring, the driver or the order of the rows.
+/// Issues with a remedy in the wiring, the driver or the order of the rows, so that there is no
+/// line to paste.
 const WITHOUT_LINE: [InputIssue; 3] = [InputIssue::RateStuck, InputIssue::ForceStuck, InputIssue::FieldStuck];
-/// Lines that the source names but that need a file or a device of the user.
+/// Lines in the source file `diagnosis.rs` that no test pastes, because they need a file or a
+/// device of the user.
 const NOT_PASTED: [&str; 3] = ["--map", "--imu", "ingest.limits.{key}"];
-/// Units that the numbers of a recording have by themselves. They are the remedy for a unit that
-/// was named by mistake.
+/// Units of the recordings themselves. If a command names a wrong unit for such a recording, the
+/// remedy is one of these.
 const OWN_UNITS: [&str; 3] = ["rad/s", "m/s2", "s"];
 
 /// Errors in addition to [`INPUT_ERRORS`].
@@ -145,8 +147,8 @@ fn each_line_to_paste_removes_its_issue() {
         let of_cause = diagnosis.causes.iter().filter(|possible| possible.cause.contains(cause));
         let lines: Vec<_> = of_cause.flat_map(|possible| lines(&possible.remedy)).collect();
         let cured: Vec<_> = lines.iter().map(|line| is_cured(line, issue, &original, &changed)).collect();
-        // Without a known cause, one of the causes must be right. The remedy for left-handed axes
-        // depends on the mirrored axis and has no line.
+        // If the cause is not known, one of the suggested causes must be right. The remedy for
+        // left-handed axes depends on the mirrored axis and has no line.
         let is_right = if cause.is_empty() { cured.contains(&true) } else { !cured.contains(&false) };
         let has_lines = !lines.is_empty() || cause == "left-handed";
         if !is_right || !has_lines {
@@ -155,7 +157,7 @@ fn each_line_to_paste_removes_its_issue() {
         pasted.extend(lines.iter().map(|line| key(line).to_owned()));
     }
     assert!(failures.is_empty(), "{}", failures.join("\n"));
-    // A higher limit accepts raw counts. Their scale is then named.
+    // With a higher limit, raw counts are accepted, and the next remedy is their scale.
     let counts: Vec<_> = original.iter().map(|r| Reading { force_m_s2: scaled(r.force_m_s2, 2048.0), ..*r }).collect();
     let found = diagnosed(&counts, &Launch::default());
     let limit = found.iter().flat_map(|found| &found.causes).flat_map(|cause| lines(&cause.remedy)).next().unwrap();
@@ -164,7 +166,7 @@ fn each_line_to_paste_removes_its_issue() {
     let both = Launch::parse("launch.toml", &format!("{limit}\n{scale}")).unwrap();
     assert_eq!(diagnosed(&counts, &both), [], "{limit} {scale}");
     pasted.extend([limit, scale].map(|line| key(line).to_owned()));
-    // A line in the source that is not pasted above needs an error here.
+    // Every line in the source file must be pasted above, so a new line needs a new error.
     let source = include_str!("../../src/diagnosis.rs");
     for line in
         source.split('`').filter(|part| part.starts_with("--") || part.starts_with("ingest.") && part.contains('='))

@@ -1,4 +1,4 @@
-//! Tests each row of the conditioner's table, and random timestamps and values.
+//! Tests each row of the table in `attitude::conditioner`, and random timestamps and values.
 use attitude::gnss::Fix;
 use launch::{GyroSamples, Launch};
 use messages::{Flags, ImuSample};
@@ -393,7 +393,8 @@ fn fuzzed_readings_give_finite_samples_in_time_order() {
     }
 }
 
-/// Returns for each sample whether it has a field, whether it has a fix, and its flags for both.
+/// Returns three values per sample: whether it has a field, whether it has a fix, and its flags for
+/// field and fix.
 fn aiding(readings: &[Reading]) -> Vec<(bool, bool, Flags)> {
     let mut conditioner = conditioner(GyroSamples::Means);
     let relevant = Flags::FIELD | Flags::FIX | Flags::FIELD_INVALID | Flags::FIX_INVALID;
@@ -456,7 +457,7 @@ fn limits_of_raw_counts_apply_after_calibration() {
     assert_eq!(clipped.header.flags, Flags::FORCE_CLIPPED, "160 m/s² is more than 16 g");
     let invalid = flags(&mut conditioner, counts(3, 400_000.0));
     assert_eq!((invalid.header.flags, invalid.force_m_s2[2]), (Flags::FORCE_INVALID, 160.0));
-    // A calibration that leaves the unit unchanged does not move the range of the sensor.
+    // If the calibration does not convert the unit, the limits apply before the calibration.
     let text = "[ingest.calibration.accel]\nscale = [0.98, 0.98, 0.98]\n";
     let ingest = Launch::parse("launch.toml", text).unwrap().ingest;
     let mut conditioner = Conditioner::new(&ingest, RATE_HZ, GyroSamples::Means).unwrap();

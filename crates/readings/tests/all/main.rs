@@ -1,4 +1,4 @@
-//! Integration tests of `ingest`, in one executable.
+//! Integration tests of `readings`, in one executable.
 #![allow(clippy::unwrap_used, reason = "a test may panic")]
 
 mod conditioner;

@@ -95,8 +95,8 @@ class Estimate(NamedTuple):
     gyro_scale_sd: Vector = (math.inf, math.inf, math.inf)
     hard_iron_ut: Vector = ZERO
     hard_iron_sd_ut: float = math.inf
-    # V of a levelling loop as east + j north: V' = h − V/T, with the horizontal specific force h
-    # and T = 1.5 to 3 s.
+    # Leaky integral V of the horizontal specific force h: V' = h − V/T, where T is 1.5 to 3 s. A
+    # levelling loop tilts its level at a rate proportional to V. Given as east + j north.
     leaky_velocity_m_s: complex = 0j
     leaky_velocity_sd_m_s: float = math.inf
 

@@ -1,4 +1,5 @@
-//! Compares the attitudes of every stage with the golden digests of the tree, bit by bit.
+//! Compares the attitudes of every stage with the golden digests in `crates/ahrs/golden`, bit by
+//! bit.
 //!
 //! Output: a line per stage, by semihosting.
 //!

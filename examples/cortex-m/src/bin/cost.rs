@@ -1,12 +1,12 @@
-//! Prints the size of a filter and the instructions of an update.
+//! Prints the size of a filter and the number of instructions of an update.
 //!
 //!     cargo run --release --bin cost [--features STAGE]
 //!
-//! Output: stage, size of the filter, bytes, and instructions per update, mean and maximum, over
-//! the sample recording, by semihosting.
+//! Output: the stage, the size of the filter in bytes, and the mean and maximum number of
+//! instructions per update over the sample recording, by semihosting.
 //!
-//! Time: the emulator executes one instruction per nanosecond, which the SysTick counts. A loop of
-//! known length calibrates it.
+//! Time: the emulator executes one instruction per nanosecond, and the SysTick timer measures the
+//! time. A loop of known length calibrates the timer.
 #![no_std]
 #![no_main]
 #![forbid(unsafe_code)]
@@ -17,7 +17,8 @@ use cortex_m_semihosting::{debug, hprintln};
 use panic_semihosting as _;
 use plumbline_ahrs::{AhrsBuilder, attitude::stage::Stage as _};
 
-/// Defines `fuser`, which creates the stage of the enabled feature, else the default stage.
+/// Defines `fuser`, which creates the stage of the enabled feature, or the default stage if no
+/// feature is enabled.
 macro_rules! stages {
     ($($feature:literal: $stage:ident, $create:ident,)*) => {
         $(#[cfg(feature = $feature)]

@@ -1,5 +1,5 @@
-//! Carried ticks arrive complete and in order over a faulty network; lost ticks are reported
-//! exactly.
+//! Ticks carried from one host to another arrive complete and in order over a faulty network. Lost
+//! ticks are reported exactly.
 use std::ops::Range;
 
 use bytemuck::Zeroable;

@@ -1,5 +1,5 @@
-//! Runs faulty sensor readings through the complete chain. The conditioner of ingest must clean up
-//! these readings.
+//! Runs faulty sensor readings through the complete chain: the conditioner of ingest, which must
+//! correct or reject them, and the stages of all slots.
 use attitude::Quaternion;
 use launch::{GyroSamples, Launch, Slot};
 use messages::AttitudeOutput;

@@ -192,8 +192,8 @@ fn imu_message(i: i32) -> Vec<u8> {
     data
 }
 
-/// Creates a database of `count` messages, each with the number of its position from 1, and applies
-/// `changes`.
+/// Creates a database of `count` messages and applies `changes`. Each message contains its
+/// position, counted from 1.
 fn database(folder: &Folder, count: i32, changes: &str) -> PathBuf {
     let path = folder.path("a.db3");
     let _ = fs::remove_file(&path);
@@ -276,7 +276,7 @@ fn database_whose_row_numbers_go_back_ends() {
 #[test]
 fn damaged_database_costs_the_damaged_rows_only() {
     let folder = Folder::new();
-    // So many rows need two levels of inner pages, of which the second is at the end of the file.
+    // This many rows need two levels of inner pages. The second level is at the end of the file.
     let path = database(&folder, 6000, "");
     let bytes = fs::read(&path).unwrap();
     let (length, page) = (bytes.len(), usize::from(u16::from_be_bytes([bytes[16], bytes[17]])));

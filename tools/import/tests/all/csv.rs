@@ -310,7 +310,8 @@ fn named_units_override_those_of_column_names() {
     assert_eq!(mapped.rows[0].rate_rad_s, [DEG, 2.0 * DEG, 3.0 * DEG], "also of mapped columns");
 }
 
-/// Each message names options that read the file, which are taken from the message.
+/// Each message suggests options for reading the file. The test takes them from the message and
+/// reads the file.
 #[test]
 fn remedies_for_ambiguous_headers_read_the_file() {
     let folder = Folder::new();

@@ -84,7 +84,8 @@ fn unknown_column_reports_similar_and_available_names() {
     );
 }
 
-/// Tests that the import reports a wrong column name in a recording like the recording reader.
+/// The import must report a wrong column name in a recording in the same way as the recording
+/// reader.
 #[test]
 fn misspelt_recording_column_reported_with_suggestion() {
     let folder = Folder::new();

@@ -1,4 +1,4 @@
-//! Attitudes that the default stages compute from imported logs.
+//! Attitudes that the default stages compute from imported logs, compared with those in the logs.
 
 use attitude::{
     Quaternion,

@@ -89,8 +89,8 @@ fn fixes_of_old_and_new_logs_read_unless_invalid() {
 fn field_sample_written_to_nearest_row_only() {
     let mut log = Log::new(&[COMBINED, MAGNETOMETER]);
     combined(&mut log, 10);
-    // The first sample is nearest to the 2nd row. The second sample is nearest to the 4th row,
-    // although it was published at the time of the 6th. The third is far after the last row.
+    // The first sample is nearest to row 2. The second sample is nearest to row 4, although it was
+    // published at the time of row 6. The third sample is far after the last row.
     for (sampled_us, published_us) in [(1_001_400u64, 1_001_400), (1_002_600, 1_005_000), (1_200_000, 1_200_000)] {
         log.sample(1, published_us, &[&sampled_us, &[1.0f32, 0.0, 0.0]]);
     }

@@ -1,4 +1,4 @@
-//! Text from other loggers in many dialects. Each one is read as the same rows.
+//! Text from other loggers in many dialects. Every dialect must be read as the same rows.
 
 use import::{Format, ImportError, Mapping, Options};
 

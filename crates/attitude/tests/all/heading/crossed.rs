@@ -1,10 +1,10 @@
 //! Crossed trials: the movement of one trial of BROAD in the magnetic field of another.
 //!
-//! The largest heading error comes from the magnetic disturbance at the place of the movement, and
-//! each recording has only one place. Motion capture gives the field of every other trial in earth
-//! axes, so each movement can be moved to six more places. The field is mirrored at random, so that
-//! an estimator has no advantage from trusting its first heading. Random scale and axis errors are
-//! added to the gyro.
+//! Heading errors depend mainly on the magnetic disturbance at the place of the movement, and each
+//! recording has only one place. Motion capture gives the field of each trial in earth axes, so a
+//! movement can be combined with the fields of six other places. The field is mirrored at random,
+//! so that an estimator has no advantage from trusting its first heading. Random scale and axis
+//! errors are added to the gyro.
 
 use super::{
     rng::Rng,

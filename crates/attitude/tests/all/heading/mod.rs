@@ -128,10 +128,10 @@ fn wz_on_crossed_trials_beats_vqf() {
     assert!(wz.total <= 1.50 && wz.total < vqf.total, "{wz}");
 }
 
-/// Emulates warm starts. Each trial starts with the gyro scale found last, which is assumed to be
-/// known within 0.2 %.
+/// Emulates warm starts: each trial starts with the gyro scale found in an earlier trial, which is
+/// assumed to be accurate to 0.2 %.
 ///
-/// Each crossed trial has different gyro errors. In crossed trials, the kept scale must therefore
+/// Crossed trials all have different gyro errors, so an earlier scale cannot help. There, it must
 /// merely not increase the error.
 #[recorded::test]
 fn kept_gyro_scale_reduces_wz_error() {

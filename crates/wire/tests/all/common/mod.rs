@@ -104,7 +104,7 @@ impl TestRng {
     }
 }
 
-/// Message type of which random valid messages can be generated.
+/// Message type for which random valid messages can be generated.
 pub trait RandomMessage: Payload {
     fn random(rng: &mut TestRng) -> Self;
 }
