@@ -39,7 +39,7 @@
 //! takes 0.39 times as long as an update of the same chain with VQF. With nalgebra it takes 0.42
 //! times as long, 8 % more (`plumb score --fuser wz --fuser vqf`, four alternating runs of each).
 
-use super::{Drift, field_averager::IntervalMeans};
+use super::field_averager::IntervalMeans;
 use crate::{
     Vector3,
     fuser::{hard_iron::HardIron, wz::settings::Settings},
@@ -183,6 +183,13 @@ pub(super) struct MeasurementResult {
     pub(super) determinant: f64,
     /// Set if the innovation passed the gate and was used.
     pub(super) accepted: bool,
+}
+
+/// Drift of the gyro heading.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(in crate::fuser::wz) struct Drift {
+    pub(in crate::fuser::wz) rate_rad_s: f64,
+    pub(in crate::fuser::wz) variance_rad2_s2: f64,
 }
 
 /// Kalman filter of one hypothesis.

@@ -60,7 +60,7 @@ mod new_field;
 mod rest_site;
 mod vibration;
 
-pub(super) use input::HeadingInput;
+pub(super) use {filter::Drift, input::HeadingInput};
 
 use core::f64::consts::PI;
 
@@ -113,13 +113,6 @@ const VIBRATION_MEMORY_S: f64 = 10.0;
 const MAX_DRIFT_SD_RAD_S: f64 = 0.01;
 /// Largest heading correction that is applied gradually, rad (1°). A larger one is a flagged jump.
 const MAX_SMOOTHED_RAD: f64 = 0.017_453_293;
-
-/// Drift of the gyro heading.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub(super) struct Drift {
-    pub(super) rate_rad_s: f64,
-    pub(super) variance_rad2_s2: f64,
-}
 
 /// Effect of a tick on the heading.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
