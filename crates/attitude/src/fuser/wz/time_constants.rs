@@ -55,7 +55,7 @@ const INITIAL_MEMORY_S: f64 = 1.0;
 const INITIAL_TILT_SD_RAD: f64 = 0.01;
 /// Random walk of the tilt at rest, rad/√s. It includes effects that the bias filter does not
 /// model.
-const TILT_WALK_RAD: f64 = 1.25e-3;
+const TILT_WALK_RAD: f64 = 2.5e-3;
 /// Additional random walk of the tilt per unit of rate, √s: misaligned axes and timing errors.
 const TILT_WALK_PER_RATE: f64 = 1e-3;
 /// Fraction of the bias uncertainty for which T2 is optimised. The bias filter corrects the effect

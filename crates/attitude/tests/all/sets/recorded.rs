@@ -18,7 +18,7 @@ pub(super) struct Set {
 
 /// Sets of recordings to be scored.
 pub(super) const SETS: [Set; 5] = [
-    Set { name: "BROAD", folder: "broad", prefix: "", limits_deg: [1.75, 1.60, 0.56] },
+    Set { name: "BROAD", folder: "broad", prefix: "", limits_deg: [1.78, 1.63, 0.56] },
     Set { name: "TUM VI", folder: "tumvi", prefix: "", limits_deg: [0.0, 0.0, 0.81] },
     Set { name: "Nexus 5 calm", folder: "phones", prefix: "nexus5_calm", limits_deg: [2.75, 2.60, 0.93] },
     Set { name: "Nexus 5 magnets", folder: "phones", prefix: "nexus5_magnets", limits_deg: [4.5, 4.4, 0.95] },

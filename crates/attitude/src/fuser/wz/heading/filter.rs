@@ -73,7 +73,7 @@ pub(super) const DRIFT_SD_RAD_S: f64 = 0.003;
 const DRIFT_WALK_RAD_S: f64 = 2e-5;
 /// Random change of the body's tilt in motion, rad/√s. A body that tilts by a small angle turns the
 /// vertical by this angle relative to the unknown gyro bias, and so changes the drift rate.
-const TILT_CHANGE_RAD: f64 = 0.036;
+const TILT_CHANGE_RAD: f64 = 0.045;
 /// Additional random walk of the drift rate per unit of rate, 1/√s.
 const DRIFT_WALK_PER_RATE: f64 = 1.5e-5;
 /// Additional random walk of the drift rate while the body vibrates, rad/s/√s. It is needed because
@@ -99,14 +99,14 @@ const FIELD_WALK_UT: f64 = 0.01;
 /// and to the sensor's soft iron.
 const LOCAL_FIELD_SD_UT: f64 = 1.23;
 /// Decay rate of the local disturbance at rest, 1/s.
-const DECAY_AT_REST: f64 = 0.075;
+const DECAY_AT_REST: f64 = 0.06;
 /// Increase of the local disturbance's decay rate per unit of rotation rate, 1/rad.
-const DECAY_PER_TURN: f64 = 0.185;
+const DECAY_PER_TURN: f64 = 0.2;
 /// Increase of the local disturbance's decay rate per unit of acceleration above
 /// [`ACCELERATION_THRESHOLD_M_S2`], 1/s per m/s².
-const DECAY_PER_ACCELERATION: f64 = 0.12;
+const DECAY_PER_ACCELERATION: f64 = 0.15;
 /// Acceleration above which the local disturbance decays faster, m/s².
-const ACCELERATION_THRESHOLD_M_S2: f64 = 0.4;
+const ACCELERATION_THRESHOLD_M_S2: f64 = 0.3;
 /// Noise of the comparison with the last rest site on each axis, µT.
 const REVISIT_SD_UT: f64 = 0.2;
 /// Gate for the normalised innovation squared when the field is compared with the last rest site.
