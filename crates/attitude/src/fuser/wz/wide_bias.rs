@@ -24,6 +24,10 @@
 //! A prior of 0.05 rad/s instead of 0.1 rad/s is too narrow. A bias of 10 °/s on each axis is then
 //! found later or not at all while the body moves. On TUM VI, the mean inclination error rises from
 //! 6.8° to 12.3°.
+//!
+//! The force does not show the bias about the vertical. While only the movement has shown the bias,
+//! the stage corrects this component by the drift of the heading, which the magnetic field shows.
+//! On Nexus 5 with a bias of 10 °/s added to each axis, the heading error is 18° instead of 38°.
 
 use super::{
     gyro_errors::{GyroErrorFilter, Samples, UpdateInput},
