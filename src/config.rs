@@ -63,8 +63,8 @@ pub(crate) fn run(command: &Config) -> ExitCode {
     result.unwrap_or_else(|failure| failure)
 }
 
-/// Returns a launch file with the default of every key that it does not set. A failure is reported,
-/// and its exit code returned.
+/// Returns the text of the launch file, completed with the default of every key that it leaves
+/// unset. On failure, prints the error and returns its exit code.
 fn effective_text(launch: &LaunchArgs) -> Result<String, ExitCode> {
     read(launch)?;
     let text = launch.path().map_or_else(
@@ -77,8 +77,8 @@ fn effective_text(launch: &LaunchArgs) -> Result<String, ExitCode> {
     launch::effective_text(&text).map_err(|error| fail(&error, 3))
 }
 
-/// Reads a launch file and checks that this build has its services. A failure is reported, and its
-/// exit code returned.
+/// Reads a launch file and checks that this build has its services. On failure, prints the error
+/// and returns its exit code.
 fn read(launch: &LaunchArgs) -> Result<Launch, ExitCode> {
     let launch = launch.read().map_err(|error| fail(&error, 3))?;
     match absent::find_absent_service(&launch) {

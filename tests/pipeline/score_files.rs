@@ -1,5 +1,6 @@
-//! `plumb score --csv`, `--plot` and ranges in `--set`: tables that reproduce the scores, figures
-//! with a window and a size, and error curves over a parameter.
+//! Files written by `plumb score`: tables (`--csv`), from which the scores can be recomputed,
+//! figures with a window and a size (`--plot`), and error curves over a parameter (ranges in
+//! `--set`).
 use std::{collections::HashMap, fs, ops::Range, path::Path};
 
 use serde_json::Value;

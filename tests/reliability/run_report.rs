@@ -24,7 +24,7 @@ fn json(arguments: &[&str], system: &System) -> Value {
     serde_json::from_slice(&output.stdout).unwrap()
 }
 
-/// Returns the doctor's check on the report and the output file.
+/// Returns the check `record` of `plumb doctor`, which concerns the report and the output file.
 fn record(system: &System) -> Value {
     let doctor = json(&["doctor", "--for", "200ms"], system);
     doctor["checks"].as_array().unwrap().iter().find(|check| check["check"] == "record").unwrap().clone()

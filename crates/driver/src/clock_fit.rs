@@ -31,9 +31,9 @@ pub const MIN_SLOPE_SPAN_NS: i64 = 2_000_000_000;
 const MAX_CLOCK_DRIFT: f64 = 0.02;
 /// Maximum relative deviation of a sample rate from its nominal value.
 const MAX_RATE_DRIFT: f64 = 0.5;
-/// Threshold above which a discrepancy counts as a reset of the device's clock, ns. It applies to
-/// the difference between an interval on the device's clock and on the host's clock, and to the
-/// distance of a result from the fitted line.
+/// Discrepancy above which the device's clock counts as reset, ns: between the same interval on the
+/// two clocks, or between a result and the fitted line. A longer pause of the samples restarts the
+/// measurement of their interval.
 const RESET_THRESHOLD_NS: i64 = 1_000_000_000;
 /// Number of intervals from which the rate of a device without timestamps is measured.
 const MIN_MEASURED_SAMPLES: u64 = 20;

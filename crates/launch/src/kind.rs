@@ -16,8 +16,8 @@ use crate::{
 /// Non-negative integers that every TOML parser supports.
 pub(crate) const NATURAL: RangeInclusive<u64> = 0..=i64::MAX as u64;
 
-/// A number in a range, with or without a decimal point. The default NaN stands for a key that is
-/// not set.
+/// A number in a range, with or without a decimal point. A default of
+/// NaN means that the key has no default.
 impl Kind<f64> for RangeInclusive<f64> {
     fn read(&self, section: &mut Section<'_, '_>, key: Key, out: &mut f64) {
         let values =
@@ -26,7 +26,8 @@ impl Kind<f64> for RangeInclusive<f64> {
     }
 }
 
-/// An integer in a range. If the range excludes 0, the default 0 stands for a key that is not set.
+/// An integer in a range. If the range excludes 0, a default of 0 means that the key has no
+/// default.
 impl Kind<u64> for RangeInclusive<u64> {
     fn read(&self, section: &mut Section<'_, '_>, key: Key, out: &mut u64) {
         let range = format!("{} to {}", self.start(), self.end());

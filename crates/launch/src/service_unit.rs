@@ -112,7 +112,7 @@ impl Access {
         }
     }
 
-    /// Permits the clients of a local address.
+    /// Permits all private networks, because any host can send to `address`.
     fn permit_clients(&mut self, what: &str, address: &str) {
         self.private.push(format!("{what}: any host can send to {address}"));
     }

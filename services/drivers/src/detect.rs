@@ -33,8 +33,8 @@ pub const MAX_PORT_TIME: Duration = Duration::from_millis(1_500 * BAUD_RATES.len
 const READ_TIMEOUT: Duration = Duration::from_millis(20);
 /// Maximum number of bytes that are kept per baud rate.
 const MAX_BYTES: usize = 1 << 20;
-/// Minimum number of measurements for recognising a format. Bytes of another format contain fewer
-/// valid messages by chance, even if the format has no checksum.
+/// Minimum number of measurements for recognising a format. Bytes of another format do not
+/// pass for so many valid messages by chance, even if the recognised format has no checksum.
 const MIN_MEASUREMENTS: usize = 5;
 /// Minimum number of messages for recognising a receiver. Its messages have checksums.
 const MIN_RECEIVER_MESSAGES: u64 = 1;

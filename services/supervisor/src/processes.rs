@@ -169,7 +169,8 @@ impl Processes {
         self.all.get(&incarnation).into_iter().for_each(|process| process.signal(signal));
     }
 
-    /// Kills a process that does not respond. Its exit reports the state that it had in the kernel.
+    /// Kills a process that does not respond. The state of its threads in the kernel is kept and
+    /// added to the report of its exit.
     pub(crate) fn kill(&mut self, incarnation: u32) {
         let Some(process) = self.all.get_mut(&incarnation) else { return };
         if process.killed.is_none() {

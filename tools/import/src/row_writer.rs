@@ -85,7 +85,7 @@ pub(crate) struct RowWriter<'a> {
     pub(crate) field_rows: u64,
     field_log_sum: f64,
     first_field: Option<[f64; 3]>,
-    /// `true` if a field differs from the first one.
+    /// `true` once a magnetic field has differed from the first one.
     field_varies: bool,
     pub(crate) reference_rows: u64,
     /// Number of field samples with non-increasing timestamps.

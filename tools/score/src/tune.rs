@@ -125,7 +125,7 @@ fn scan(
     chains.iter().zip(tried).map(|(chain, tried)| Ok((chain.index, chain.sweep(range, &tried, launches)?))).collect()
 }
 
-/// A chain that has the setting.
+/// Chain that has the parameter to tune.
 struct TunedChain {
     index: usize,
     setting: String,

@@ -21,7 +21,7 @@ const BUFFER_BYTES: usize = 1 << 16;
 const HEADER_BYTES: usize = 16;
 /// Length of the size and type fields at the start of a message, bytes.
 const MESSAGE_HEADER_BYTES: usize = 3;
-/// Flags message in which no flag is set.
+/// ULog message of type `B` (flag bits) in which no flag is set.
 const EMPTY_FLAGS_MESSAGE: [u8; 43] = {
     let mut message = [0; 43];
     (message[0], message[2]) = (40, b'B');

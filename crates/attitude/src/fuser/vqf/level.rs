@@ -12,7 +12,8 @@ use crate::{
 };
 
 impl Vqf {
-    /// Sets the magnetometer-free attitude and resets the filters in its frame.
+    /// Sets the magnetometer-free attitude and resets the low-pass filters of the force and of the
+    /// bias in motion, because their states no longer fit it.
     pub(super) fn set_attitude(&mut self, attitude: Attitude) {
         let q = attitude.quaternion();
         let state = self.filter.state_mut();

@@ -75,7 +75,8 @@ pub(super) fn visit_state(state: &mut State, visit: &mut dyn FnMut(&mut f64)) {
     .for_each(visit_number);
 }
 
-/// Returns the reason why a state of finite numbers is invalid, or `None` if it is valid.
+/// Returns the reason why a state is invalid, or `None` if it is valid. Whether its numbers are
+/// finite is not checked here.
 pub(super) fn validation_error(state: &State) -> Option<&'static str> {
     let unit = |q: Quaternion| (q.norm() - 1.0).abs() <= 1e-6;
     if !(unit(state.gyr_quat) && unit(state.acc_quat)) {

@@ -1,4 +1,5 @@
-//! Heading from the magnetic field, for a level that the field does not affect.
+//! Heading from the magnetic field. The field corrects only the rotation about the vertical, never
+//! the level.
 //!
 //! Input: the attitude with the heading of the gyro alone, the rate, and the field sample, if
 //! present.
