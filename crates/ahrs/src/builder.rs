@@ -167,8 +167,8 @@ impl AhrsBuilder<Fuser> {
 impl<F: FuserStage> AhrsBuilder<F> {
     /// Sets the nominal sampling rate of gyro and accelerometer, 0.1 to 100,000 Hz; default 100.
     ///
-    /// It is used only for samples with an unusable timestamp, until the true rate is known from
-    /// other samples.
+    /// The nominal rate is used only for samples with an unusable timestamp, and only until the
+    /// true rate has been measured from other samples.
     ///
     /// # Errors
     ///

@@ -297,8 +297,8 @@ impl Claim {
 
     /// Releases the name and claims it again after the files were removed or damaged.
     ///
-    /// Of the shared state, only the next tick of each topic is kept. The caller must ensure that
-    /// no process has a bus resource open.
+    /// The next tick of each topic is kept; the rest of the shared state is reset. The caller must
+    /// ensure that no process has a bus resource open.
     ///
     /// # Errors
     ///

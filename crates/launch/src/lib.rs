@@ -81,7 +81,7 @@ pub use north::{Date, MODEL_YEARS, NorthReference, Position};
 pub use output::Output;
 pub use problem::{LaunchError, Problems, pluralize};
 pub use promotion_rule::{Measure, PromotionRule};
-pub use schema::{MAX_TOPIC_MESSAGES, describe};
+pub use schema::{MAX_TOPIC_MESSAGES, describe, max_buffer_s};
 pub use sensors::{Calibration, Calibrations, GyroSamples};
 pub use service_unit::UnsupportedDevicePath;
 pub use slot_stage::{UnknownStage, built_in_parameters};

@@ -20,6 +20,9 @@ use crate::{
     toml_reader::Section,
 };
 
+/// Maximum of the key `buffer_s`, s. At high rates, the capacity of a topic is lower.
+pub(crate) const MAX_BUFFER_S: f64 = 60.0;
+
 keys! {
     /// Declaration of one system.
     pub struct Launch {
@@ -29,7 +32,7 @@ keys! {
         /// and optionally the gateway and the cockpit.
         services: Vec<Service> = Service::LISTED.into(), By(services);
         /// Time span of messages that every topic holds before it overwrites the oldest message.
-        buffer_s: f64 = 2.0, 0.1..=60.0, unit "s";
+        buffer_s: f64 = 2.0, 0.1..=MAX_BUFFER_S, unit "s";
         /// Time by which another input must be ahead before a join gives up a missing message. It
         /// must be less than `buffer_s`.
         lateness_s: f64 = 1.0, 0.01..=60.0, unit "s";

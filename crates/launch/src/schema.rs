@@ -3,6 +3,7 @@
 use crate::{
     Launch, LaunchError, Problems, Service, Source,
     description::SectionDescription,
+    model::MAX_BUFFER_S,
     problem::{Problem, quoted},
     split,
     toml_reader::{self, Section},
@@ -13,6 +14,11 @@ use toml::de::DeTable;
 /// Maximum number of messages that a topic of the data path holds for a subscriber: 15 MB for the
 /// largest message type.
 pub const MAX_TOPIC_MESSAGES: usize = 65_536;
+
+/// Returns the maximum of the key `buffer_s` at a rate, s.
+pub fn max_buffer_s(rate_hz: f64) -> f64 {
+    MAX_BUFFER_S.min(MAX_TOPIC_MESSAGES as f64 / rate_hz)
+}
 
 impl Launch {
     /// Reads and checks a launch file.
@@ -122,7 +128,7 @@ pub(crate) fn buffer_problem(launch: &Launch, section: &Section<'_, '_>) -> Opti
         Source::Replay => return None,
         _ => launch.ingest.nominal_rate_hz(),
     };
-    let max_s = MAX_TOPIC_MESSAGES as f64 / rate_hz;
+    let max_s = max_buffer_s(rate_hz);
     (launch.buffer_s > max_s).then(|| {
         let title = format!("buffer_s = {} at {rate_hz} Hz is more than a topic can hold", launch.buffer_s);
         let span = section.span("buffer_s").unwrap_or_default();

@@ -8,7 +8,7 @@
 //! Time: the clock of the source.
 //!
 //! Failure: single samples with a time before that of the previous sample remain in their segment.
-//! They are skipped and counted by the consumer.
+//! The consumer skips and counts such samples.
 
 use mapping::counter::{COUNTER_PERIODS_NS, narrow_period_ns, wrap_ns};
 

@@ -2,7 +2,7 @@
 //! motion.
 //!
 //! Errors of the gyro's axes are visible only while the direction of gravity changes in body axes.
-//! They are visible neither at rest nor in the coordinated turns of an aeroplane.
+//! Rest and the coordinated turns of an aeroplane do not show them.
 
 use crate::common::{INPUT_ERRORS, data, diagnose, rate_hz, readings};
 use judge::InputIssue;

@@ -30,9 +30,6 @@ const EXTERNAL_START_SHARE: f64 = 0.75;
 /// Suggested `buffer_s` relative to the time that would have been needed.
 const BUFFER_MARGIN: f64 = 1.25;
 
-/// Largest `buffer_s` that is suggested, s: the maximum of the launch file.
-const MAX_BUFFER_S: f64 = 60.0;
-
 impl Supervision {
     /// Starts a service without a slot, or the owner of a slot. `resume` is `None` only for the
     /// first process of the service.
@@ -214,7 +211,7 @@ impl Supervision {
         }
         let buffer_s = self.config.launch.buffer_s;
         let needed_s = (BUFFER_MARGIN * behind as f64 / self.config.rate_hz).ceil();
-        let remedy = if needed_s <= MAX_BUFFER_S {
+        let remedy = if needed_s <= launch::max_buffer_s(self.config.rate_hz) {
             format!("; if it can take as long again, set buffer_s = {needed_s}")
         } else {
             String::new()
@@ -245,11 +242,11 @@ mod tests {
     use crate::{Config, Event};
 
     /// Live system with an external stage in the slot fuser.
-    fn supervision() -> Supervision {
+    fn supervision(rate_hz: f64) -> Supervision {
         let text = "[fuser]\nstage = \"own\"\n[stages.own]\nslot = \"fuser\"\ncommand = [\"python3\", \"own.py\"]\n";
         let config = Config {
             launch: Launch::parse("launch.toml", text).unwrap(),
-            rate_hz: 100.0,
+            rate_hz,
             lockstep: false,
             window_ticks: 20,
             buffer_ticks: 200,
@@ -296,12 +293,14 @@ mod tests {
 
     #[test]
     fn restart_later_than_the_buffer_reports_loss_and_remedy() {
-        for (newest, expected) in [
-            (300, ""),
-            (400, "about 100 ticks lost; if it can take as long again, set buffer_s = 4"),
-            (9000, "about 8700 ticks lost"),
+        for (rate_hz, newest, expected) in [
+            (100.0, 300, ""),
+            (100.0, 400, "about 100 ticks lost; if it can take as long again, set buffer_s = 4"),
+            (100.0, 9000, "about 8700 ticks lost"),
+            // At this rate, a topic cannot hold more than 16.4 s.
+            (4000.0, 80_000, "about 79700 ticks lost"),
         ] {
-            let mut supervision = supervision();
+            let mut supervision = supervision(rate_hz);
             let incarnation = restart_fuser(&mut supervision, Duration::ZERO);
             supervision.handle(Duration::ZERO, Event::Published { service: Service::Ingest, next_tick: newest });
             let line = announced(supervision.handle(Duration::ZERO, health(Service::Fuser, incarnation)));
@@ -311,7 +310,7 @@ mod tests {
 
     #[test]
     fn restarted_program_may_start_while_its_inputs_are_held() {
-        let mut supervision = supervision();
+        let mut supervision = supervision(100.0);
         restart_fuser(&mut supervision, Duration::ZERO);
         let mut killed_after_ms = None;
         for ms in (0..4000).step_by(10) {
