@@ -9,7 +9,7 @@ fn main() {
         println!("cargo::rerun-if-changed={log}");
     }
     println!("cargo::rerun-if-changed=build.rs");
-    // A source archive has no repository. Its packager sets the variable.
+    // A source archive has no repository, so its packager sets `PLUMB_COMMIT`.
     let commit = env::var("PLUMB_COMMIT").ok().or_else(|| git(&["rev-parse", "--short=12", "HEAD"]));
     println!("cargo::rustc-env=PLUMB_COMMIT={}", commit.as_deref().unwrap_or("unknown"));
     // The output folder is target/PROFILE/build/PACKAGE/out, possibly with a target triple.

@@ -6,7 +6,7 @@ use serde::de::DeserializeOwned;
 
 use crate::Failure;
 
-/// Runs a measured process if its `settings` (JSON) are given, otherwise runs the benchmark.
+/// Runs one measured process if `settings` (JSON) is given, otherwise runs the whole benchmark.
 ///
 /// An error is printed to standard error.
 pub(crate) fn run<P: DeserializeOwned>(

@@ -36,7 +36,7 @@ const ROUNDS: usize = 11;
 const RECORDING: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../../samples/broad.csv.gz");
 const DT_S: f64 = 0.007;
 
-/// Readings of the three sensors: rate, rad/s; force, m/s²; field, µT.
+/// Sample of the three sensors: angular rate, rad/s; specific force, m/s²; magnetic field, µT.
 type Sample = [[f64; 3]; 3];
 /// Attitudes after each sample: quaternions body to ENU, w, x, y, z.
 type Attitudes = Vec<[f64; 4]>;
@@ -135,7 +135,7 @@ fn ahrs(samples: &[Sample]) -> Attitudes {
     let mut filter = ahrs::Madgwick::new(DT_S, 0.1);
     let update = |sample: &Sample| {
         let [gyro, accel, mag] = sample.map(Into::into);
-        // Fails if force or field are zero.
+        // The update fails if the force or the magnetic field is zero.
         let _ = filter.update(&gyro, &accel, &mag);
         enu_from_nwu([filter.quat.w, filter.quat.i, filter.quat.j, filter.quat.k])
     };
@@ -150,7 +150,7 @@ fn imu_fusion(samples: &[Sample]) -> Attitudes {
     };
     let mut filter = Fusion::new((1.0 / DT_S) as u32, FusionAhrsSettings::new());
     let update = |&[gyro, accel, mag]: &Sample| {
-        // Rate in °/s, force in g.
+        // `imu_fusion` expects the rate in °/s and the force in g.
         let (gyro, accel) = (vector(gyro, 180.0 / std::f64::consts::PI), vector(accel, 1.0 / 9.80665));
         filter.update_by_duration_seconds(gyro, accel, vector(mag, 1.0), DT_S as f32);
         let q = filter.quaternion();

@@ -38,7 +38,7 @@ const ROUNDS: usize = 31;
 const TRIAL: &str = "broad/07_undisturbed_fast_rotation_B.csv.gz";
 const SAMPLES: usize = 20_000;
 
-/// Readings for both filters.
+/// Samples that both filters process.
 struct Samples {
     name: &'static str,
     dt_s: f64,

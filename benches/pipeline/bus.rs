@@ -37,14 +37,14 @@ impl<M: Ticked> Output for BusOutput<M> {
     }
 }
 
-/// Measures the variant.
+/// Measures the variant `bus`.
 pub(crate) fn run(rate_hz: u32, seconds: f64) -> Result<Cost, Failure> {
     let name = format!("bench-bus-{}", std::process::id());
     let _claim = SystemName::new(&name)?.claim()?;
     chain::run(Variant::Bus, &name, rate_hz, seconds)
 }
 
-/// Runs one process of the variant.
+/// Runs one process of the variant `bus`.
 pub(crate) fn run_process(settings: &ProcessSettings) -> Result<(), Failure> {
     chain::die_with_parent()?;
     let bus = Bus::join(&SystemName::new(&settings.shared_name)?, &format!("{:?}", settings.role).to_lowercase())?;

@@ -30,7 +30,8 @@ pub(crate) const TOPIC_SAMPLES: usize = 1024;
 pub(crate) const MAX_WAIT: Duration = Duration::from_millis(50);
 /// Time without a sample after which a process stops waiting.
 const IDLE_TIMEOUT: Duration = Duration::from_secs(5);
-/// Time limit for a process to become ready, and for its report after the last sample.
+/// Time limit for a process to become ready. Also limits the wait for its report after the last
+/// sample.
 const RESPONSE_TIMEOUT: Duration = Duration::from_secs(10);
 /// Delay from the start command to the first sample, ns.
 const LEAD_NS: u64 = 10_000_000;

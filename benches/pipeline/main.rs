@@ -94,7 +94,7 @@ enum Variant {
     Other,
 }
 
-/// Cores on which the processes may run: all, or one.
+/// Processor cores on which the processes may run: all, or one.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "lowercase")]
 enum Mode {
@@ -109,7 +109,7 @@ struct Cost {
     latency_us: LatencyUs,
     cpu_s_per_s: f64,
     lost: u64,
-    /// CPU time of the start-up phase and per tick in the rest of the run; `None` if it was not
+    /// CPU time of the start-up phase, and CPU time per tick in the rest of the run; `None` if not
     /// measured.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     phases: Option<Phases>,
@@ -191,7 +191,7 @@ impl CorePinning {
 
 impl Drop for CorePinning {
     fn drop(&mut self) {
-        // These cores were allowed before, so the call cannot fail.
+        // All these cores were allowed before pinning, so the call cannot fail.
         let _ = sched_setaffinity(None, &self.before);
     }
 }

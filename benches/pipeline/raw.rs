@@ -163,7 +163,7 @@ impl Input for RingInput<'_> {
     }
 }
 
-/// Measures the variant.
+/// Measures the variant `raw`.
 pub(crate) fn run(rate_hz: u32, seconds: f64) -> Result<Cost, Failure> {
     let file = NamedTempFile::with_prefix_in("plumbline-bench.", "/dev/shm")?;
     file.as_file().set_len(size_of::<Rings>() as u64)?;
@@ -171,7 +171,7 @@ pub(crate) fn run(rate_hz: u32, seconds: f64) -> Result<Cost, Failure> {
     chain::run(Variant::Raw, path, rate_hz, seconds)
 }
 
-/// Runs one process of the variant.
+/// Runs one process of the variant `raw`.
 pub(crate) fn run_process(settings: &ProcessSettings) -> Result<(), Failure> {
     chain::die_with_parent()?;
     let mapping = Mapping::from_file(&OpenOptions::new().read(true).write(true).open(&settings.shared_name)?)?;

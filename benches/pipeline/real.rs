@@ -21,7 +21,7 @@ pub(crate) const PLUMB: &str = env!("CARGO_BIN_EXE_plumb");
 /// Services of the data path, the same as in the other variants.
 const SERVICES: &str = "services = [\"ingest\", \"gyro\", \"accel\", \"fuser\", \"course\"]\n";
 
-/// Measures the variant that runs the `plumb` executable.
+/// Measures a variant, `real` or `other`, by running the executable `plumb`.
 pub(crate) fn run(plumb: &OsStr, rate_hz: u32, seconds: f64) -> Result<Cost, Failure> {
     let folder = tempfile::tempdir()?;
     let launch = folder.path().join("launch.toml");

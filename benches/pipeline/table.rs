@@ -44,7 +44,7 @@ struct Row {
     /// Ratio of the CPU time to that of `raw` in the same round.
     ratio_cpu: f64,
     /// Ratios of `real` to `other` in the same round: median latency, CPU time, CPU time of the
-    /// start and CPU time per tick.
+    /// start-up phase, and CPU time per tick.
     #[serde(skip_serializing_if = "Option::is_none")]
     to_other: Option<[f64; 4]>,
 }

@@ -12,7 +12,7 @@ use crate::{
 
 const KEY: &str = "plumbline/v1/bench/attitude";
 
-/// Measures the variant.
+/// Measures the variant `zenoh`.
 pub(crate) fn run(rate_hz: u32, seconds: f64) -> Result<Cost, Failure> {
     let endpoint = format!("tcp/127.0.0.1:{}", free_port()?);
     let settings = |end| ProcessSettings::new(Variant::Zenoh, end, &endpoint, rate_hz, seconds);
@@ -21,7 +21,7 @@ pub(crate) fn run(rate_hz: u32, seconds: f64) -> Result<Cost, Failure> {
     hop::measure(&settings(End::Far), &mut near, &[], &mut far)
 }
 
-/// Runs one process of the variant.
+/// Runs one process of the variant `zenoh`.
 pub(crate) fn run_process(settings: &ProcessSettings) -> Result<(), Failure> {
     let result = zenoh::open(zenoh_config(settings)?).wait();
     let session = result.map_err(|error| format!("opening {}: {error}", settings.address))?;

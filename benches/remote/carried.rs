@@ -15,7 +15,7 @@ use crate::{
     system::{self, System},
 };
 
-/// Measures the variant.
+/// Measures the variant `carried`.
 pub(crate) fn run(rate_hz: u32, seconds: f64) -> Result<Cost, Failure> {
     let names = ["board", "base"].map(|host| format!("bench-{host}-{}", std::process::id()));
     let [board, base] = &names;
@@ -31,7 +31,7 @@ pub(crate) fn run(rate_hz: u32, seconds: f64) -> Result<Cost, Failure> {
     hop::measure(&settings(End::Far, ""), &mut near, &gateways, &mut far)
 }
 
-/// Runs one process of the variant.
+/// Runs one process of the variant `carried`.
 pub(crate) fn run_process(settings: &ProcessSettings) -> Result<(), Failure> {
     let bus = Bus::join(&SystemName::new(&settings.address)?, "end")?;
     let buffer_ticks = system::buffer_ticks(settings.rate_hz);

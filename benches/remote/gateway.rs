@@ -23,7 +23,7 @@ const CONNECT_TIMEOUT: Duration = Duration::from_secs(10);
 /// Message rate above every sample rate, so that each sample is sent in its own message.
 const UNBATCHED_HZ: f64 = 10_000.0;
 
-/// Measures the variant.
+/// Measures the variant `each` or `batches`.
 pub(crate) fn run(variant: Variant, rate_hz: u32, seconds: f64) -> Result<Cost, Failure> {
     let name = format!("bench-remote-{}", std::process::id());
     let rates = [(AttitudeOutput::TOPIC.name.to_owned(), TopicRate::All)].into();
@@ -37,7 +37,7 @@ pub(crate) fn run(variant: Variant, rate_hz: u32, seconds: f64) -> Result<Cost, 
     hop::measure(&settings(End::Far, ""), &mut near, &[gateway], &mut far)
 }
 
-/// Runs one process of the variant.
+/// Runs one process of the variant `each` or `batches`.
 pub(crate) fn run_process(settings: &ProcessSettings) -> Result<(), Failure> {
     match settings.end {
         End::Near => {

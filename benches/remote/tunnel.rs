@@ -1,7 +1,7 @@
 //! Variant `tunnel`, iceoryx2's own tunnel over Zenoh: one process publishes in one domain and
 //! another process reads in a second domain, with a tunnel at each end.
 //!
-//! The tunnels use their options for low latency. The near tunnel is woken by the event that
+//! The tunnels run with their low-latency options. The near tunnel is woken by the event that
 //! accompanies each sample, and the far tunnel is woken by the network. The far end waits for the
 //! forwarded event.
 
@@ -40,7 +40,7 @@ impl Drop for Folder {
     }
 }
 
-/// Measures the variant.
+/// Measures the variant `tunnel`.
 pub(crate) fn run(program: Option<&Path>, rate_hz: u32, seconds: f64) -> Result<Cost, Failure> {
     let program = program.ok_or("expected the path of the tunnel executable in --tunnel")?;
     let program = program.to_str().ok_or("the path of the tunnel executable is not valid UTF-8")?;
@@ -85,7 +85,7 @@ pub(crate) fn run(program: Option<&Path>, rate_hz: u32, seconds: f64) -> Result<
     hop::measure(&settings(End::Far, ""), &mut near, &tunnel_processes, &mut far)
 }
 
-/// Runs one process of the variant.
+/// Runs one process of the variant `tunnel`.
 pub(crate) fn run_process(settings: &ProcessSettings) -> Result<(), Failure> {
     let node = node(&settings.address)?;
     let name = ServiceName::new(SERVICE)?;

@@ -47,7 +47,7 @@ pub(crate) enum SourceKind {
 
 /// Device that has not been started yet.
 pub(crate) struct Device {
-    /// Argument of `--source`.
+    /// Value for the option `--source` of `plumb up`.
     pub(crate) source: String,
     /// Additional sections of the launch file.
     pub(crate) launch_sections: String,
@@ -63,9 +63,10 @@ pub(crate) struct RunningDevice {
     thread: Option<JoinHandle<()>>,
 }
 
-/// Factory for the function that sends readings. The sending thread calls the factory.
+/// Factory for a function that sends readings. The sending thread calls the factory once.
 ///
-/// The function sends a reading with the given time, ns. A reading is lost if there is no receiver.
+/// The returned function sends one reading with the given timestamp, ns. A reading is lost if there
+/// is no receiver.
 type SenderFactory = Box<dyn FnOnce() -> Box<dyn FnMut(i64)> + Send>;
 
 impl SourceKind {
@@ -192,7 +193,7 @@ impl Drop for RunningDevice {
     }
 }
 
-/// Function that encodes a reading with the given time, ns.
+/// Function that encodes a reading with the given timestamp, ns.
 type Encoder = fn(i64) -> Vec<u8>;
 
 fn to_file(mut file: File, encode: Encoder) -> SenderFactory {

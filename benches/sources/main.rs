@@ -80,8 +80,9 @@ struct LatencyUs {
     p99: f64,
 }
 
-/// Result of a source in one round or over all rounds. Over all rounds, each value is a median,
-/// except that `lost` is the sum.
+/// Result for one source, either of one round or combined over all rounds.
+///
+/// Each combined value is a median, except that `lost` is the sum.
 #[derive(Clone, Copy, Serialize)]
 struct Cost {
     source: &'static str,

@@ -1,4 +1,4 @@
-//! The services of the data path in one process, each tick passing through them in turn.
+//! The services of the data path in one process. Each tick passes through them in turn.
 
 use bus::SystemName;
 use launch::{Launch, Service, Slot, Source};

@@ -113,7 +113,7 @@ impl PlumblineBuilder {
         Ok(())
     }
 
-    /// Builds the filter of a builder, or the default filter for `None`.
+    /// Builds the filter that a builder describes, or the default filter for `None`.
     pub(crate) fn build(builder: Option<&Self>) -> Ahrs<Fuser> {
         builder.map_or_else(|| Self::new().builder.build(), |builder| builder.builder.clone().build())
     }

@@ -49,7 +49,7 @@ pub struct PlumblineAhrs {
 const _: () = assert!(!core::mem::needs_drop::<PlumblineAhrs>());
 
 impl PlumblineAhrs {
-    /// Returns the status after an update.
+    /// Returns an error if a stage has failed permanently. Called after each update.
     fn status(&self) -> Result<(), PlumblineStatus> {
         match self.ahrs.failure() {
             None => Ok(()),
@@ -190,7 +190,7 @@ pub unsafe extern "C" fn plumbline_ahrs_update_imu(
     dt_s: f64,
     attitude: *mut PlumblineAttitude,
 ) -> PlumblineStatus {
-    // SAFETY: required of the caller; the field may be null.
+    // SAFETY: required of the caller; the null pointer means that there is no magnetic field.
     unsafe { update(ahrs, gyro_rad_s, accel_m_s2, core::ptr::null(), Time::Interval(dt_s), attitude) }
 }
 
@@ -208,7 +208,7 @@ pub unsafe extern "C" fn plumbline_ahrs_update_imu_at(
     t_ns: i64,
     attitude: *mut PlumblineAttitude,
 ) -> PlumblineStatus {
-    // SAFETY: required of the caller; the field may be null.
+    // SAFETY: required of the caller; the null pointer means that there is no magnetic field.
     unsafe { update(ahrs, gyro_rad_s, accel_m_s2, core::ptr::null(), Time::Stamp(t_ns), attitude) }
 }
 

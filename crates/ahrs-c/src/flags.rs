@@ -84,7 +84,7 @@ pub unsafe extern "C" fn plumbline_flags_text(flags: u64, buffer: *mut c_char, s
     for name in Flags(flags).names() {
         let separator = if len == 0 { "" } else { ", " };
         for part in [separator, name] {
-            // Once a part was truncated, no later part fits, because only the terminating zero is
+            // If a part was truncated, no later part fits, because only the terminating zero is
             // left.
             if written == len {
                 written += write_text(part, &mut buffer[written..]);

@@ -1,7 +1,7 @@
 //! Estimates the gyro bias while the body is at rest, and uses it in the next run.
 use plumbline_ahrs::Ahrs;
 
-/// Returns a number that varies like noise, ±0.5.
+/// Returns a pseudo-random number in [−0.5, 0.5).
 fn noise(count: u32) -> f64 {
     f64::from(count.wrapping_mul(2_654_435_761) >> 16) / 65536.0 - 0.5
 }

@@ -6,7 +6,7 @@ const DT_S: f64 = 0.01;
 fn main() {
     let mut ahrs = Ahrs::new();
     for count in 0..1000 {
-        // For a body that turns left at 0.1 rad/s, the field turns right.
+        // For a body that turns left at 0.1 rad/s, the magnetic field in body axes turns right.
         let yaw_rad = 0.1 * DT_S * f64::from(count);
         let field_ut = [20.0 * yaw_rad.sin(), 20.0 * yaw_rad.cos(), -40.0];
         let attitude = ahrs.update([0.0, 0.0, 0.1], [0.0, 0.0, 9.81], Some(field_ut), DT_S);

@@ -1,5 +1,5 @@
 //! Uses sensors with different rates: 200 Hz gyro and accelerometer, 25 Hz magnetometer, 5 Hz
-//! receiver.
+//! satellite receiver.
 use plumbline_ahrs::{Ahrs, GnssFix};
 
 fn main() {
@@ -7,8 +7,8 @@ fn main() {
     for count in 0..2000 {
         let t_s = f64::from(count) / 200.0;
         if count % 8 == 0 {
-            // Real field samples are never exactly equal. A sample that equals the previous one
-            // counts as repeated.
+            // Real magnetometer samples are never exactly equal. A sample that equals the previous
+            // one counts as repeated.
             ahrs.update_mag([0.01 * t_s.sin(), 20.0, -40.0]);
         }
         if count % 40 == 0 {

@@ -47,9 +47,9 @@ pub struct Ahrs<F = MultipleModel> {
     pub(crate) course: SupervisedCourse<Course>,
     /// Sensor time of the newest reading, ns.
     pub(crate) t_ns: i64,
-    /// Magnetic field that takes effect with the next reading, µT.
+    /// Magnetic field from `update_mag` that takes effect with the next reading, µT.
     pub(crate) pending_field_ut: Option<[f64; 3]>,
-    /// Fix that takes effect with the next reading.
+    /// Fix from `update_gnss` that takes effect with the next reading.
     pub(crate) pending_fix: Option<ReceiverFix>,
     pub(crate) attitude: Attitude,
 }
@@ -108,8 +108,8 @@ impl<F: FuserStage> Ahrs<F> {
 
     /// Processes a gyro and accelerometer sample and returns the new attitude.
     ///
-    /// The newest field and fix since the previous sample take effect. The arguments are those of
-    /// [`update`](Self::update).
+    /// The newest magnetic field and the newest fix stored since the previous sample take effect.
+    /// The arguments are those of [`update`](Self::update).
     pub fn update_imu(&mut self, gyro_rad_s: [f64; 3], accel_m_s2: [f64; 3], dt_s: f64) -> Attitude {
         self.update(gyro_rad_s, accel_m_s2, None, dt_s)
     }
@@ -144,8 +144,8 @@ impl<F: FuserStage> Ahrs<F> {
         self.conditioner.rejected()
     }
 
-    /// Returns the cause if a stage has failed permanently, else `None`. The attitude then no
-    /// longer changes.
+    /// Returns the cause of a permanent stage failure, or `None` if no stage has failed. After a
+    /// failure the attitude no longer changes.
     ///
     /// The stages of this crate do not fail. A user-defined stage fails if its output is invalid
     /// even after a reset.

@@ -76,7 +76,7 @@ impl Attitude {
         frame.angles(self.reading.angles)
     }
 
-    /// Returns the heading, rad, clockwise from above, [0, 2π). Its zero is the
+    /// Returns the heading, rad, clockwise from above, [0, 2π). It is zero in the direction
     /// [`heading_reference`](Self::heading_reference).
     ///
     /// With the course stage `track`, the heading is the direction of travel.

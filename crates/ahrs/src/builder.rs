@@ -199,8 +199,8 @@ impl<F: FuserStage> AhrsBuilder<F> {
         self.limit("force_max_g", range_g)
     }
 
-    /// Sets the range of the magnetometer, 1 to 1,000,000 µT; default 2000. A field at the limit is
-    /// not used.
+    /// Sets the range of the magnetometer, 1 to 1,000,000 µT; default 2000. A magnetic field at the
+    /// limit is not used.
     ///
     /// # Errors
     ///
@@ -229,8 +229,8 @@ impl<F: FuserStage> AhrsBuilder<F> {
         self.limit("stuck_s", frozen_s)
     }
 
-    /// Sets whether the rate samples are means over their intervals (the default) or values at
-    /// their ends.
+    /// Sets the meaning of a rate sample: the mean over its interval (the default), or the value at
+    /// the end of its interval.
     #[must_use]
     pub fn gyro_samples(mut self, kind: RateKind) -> Self {
         self.sensors.rate_kind = kind;
@@ -378,7 +378,7 @@ fn unknown(slot: Slot, name: &str) -> BuildError {
     BuildError::UnknownStage { slot, name: Name::new(name) }
 }
 
-/// Name in an error, truncated to 32 bytes.
+/// Rejected stage or parameter name in a [`BuildError`], truncated to 32 bytes.
 #[derive(Clone, Copy, PartialEq, Eq)]
 pub struct Name {
     bytes: [u8; 32],

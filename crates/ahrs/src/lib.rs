@@ -40,15 +40,15 @@
 //!
 //! # Faults of the sensors
 //!
-//! A value that is missing is passed as NaN, or as `None` for the field.
+//! A value that is missing is passed as NaN, or as `None` for the magnetic field.
 //!
 //! | fault | effect |
 //! | --- | --- |
 //! | a rate or force is NaN, infinite or far beyond its range | the last valid value is used, flagged; the rate is 0 after 0.1 s |
 //! | a rate or force is at the end of its range | flagged; a clipped rate corrects no bias |
 //! | a sensor repeats its value for 0.5 s | flagged; a frozen force is not used while the rate varies |
-//! | a field is NaN, beyond its range or repeated | not used |
-//! | the field differs from that of the location | flagged; the heading follows the gyro |
+//! | a magnetic field is NaN, beyond its range or repeated | not used |
+//! | the magnetic field differs from that of the location | flagged; the heading follows the gyro |
 //! | samples are missing for less than 1 s | bridged |
 //! | samples are missing for longer | the level is initialised again, flagged |
 //! | a sample is repeated or outdated | rejected and counted, see [`Ahrs::rejected`] |
@@ -78,10 +78,10 @@ pub use attitude_output::Attitude;
 pub use builder::{AhrsBuilder, BuildError, Name, Sensor, Slot};
 pub use snapshot::SnapshotError;
 
-/// Stages of the slot `fuser`, to choose one by type.
+/// Stages for the slot `fuser`, for choosing one by type.
 ///
-/// The type [`Fuser`](stages::Fuser) holds any of them and is created by name. A program that
-/// chooses by type contains the code of that stage only.
+/// The type [`Fuser`](stages::Fuser) holds any of these stages and is created by name. A program
+/// that chooses a stage by type contains only the code of that stage.
 pub mod stages {
     pub use attitude::fuser::{
         Fuser, FuserStage,

@@ -164,7 +164,7 @@ fn stage_error<S: Stage + Clone>(stage: &S) -> Option<&'static str> {
     stage.validation_error().or((!is_finite).then_some("a number that is not finite"))
 }
 
-/// Returns a visitor of numbers that passes the bits of each number to a visitor of words.
+/// Returns a visitor of `f64` numbers that passes the bits of each number to `visit`.
 fn as_numbers(visit: &mut dyn FnMut(&mut u64)) -> impl FnMut(&mut f64) {
     |number| StateWords::visit(number, visit)
 }

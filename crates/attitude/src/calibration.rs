@@ -1,7 +1,7 @@
 //! Conversion of raw readings to body axes: the calibration of the sensor, then its mounting.
 //!
-//! Input: a reading of a three-axis sensor (rate, force or field) in the sensor's own axes and
-//! units.
+//! Input: a reading of a three-axis sensor (angular rate, specific force or magnetic field) in the
+//! sensor's own axes and units.
 //!
 //! Output: the vector in body axes (ξ right, η forward, ζ up).
 //!
@@ -54,7 +54,7 @@ impl Calibration {
         }
         let row = |i: usize| matrix.row(i).transpose().normalize();
         let volume = libm::fabs(row(0).cross(&row(1)).dot(&row(2)));
-        // `volume` is NaN for a row of zeros, which this form of the comparison rejects, too.
+        // A row of zeros makes `volume` NaN. This form of the comparison also rejects NaN.
         if volume >= MIN_VOLUME { Ok(Self { bias, matrix }) } else { Err(CalibrationError::Singular) }
     }
 

@@ -9,8 +9,8 @@ use crate::path::{System, bits, system_bits, update};
 const RATE_HZ: f64 = 100.0;
 const INTERVAL_NS: i64 = 10_000_000;
 
-/// Returns a reading of a body that turns and tilts. Every second reading has a field, every 20th
-/// a fix.
+/// Returns a reading of a body that turns and tilts. Every second reading has a magnetic field,
+/// every 20th a fix.
 fn reading(count: i64) -> Reading {
     let t_s = count as f64 / RATE_HZ;
     let (sin, cos) = (0.3 * t_s.sin()).sin_cos();

@@ -33,7 +33,7 @@ impl System {
     }
 }
 
-/// Passes a reading to the filter with `update_at`, after its fix, if any.
+/// Passes a reading to the filter: first its fix, if any, then its other values with `update_at`.
 pub(crate) fn update<F: FuserStage>(ahrs: &mut Ahrs<F>, reading: &Reading) -> Attitude {
     if let Some(received) = reading.fix {
         ahrs.update_gnss(&plumbline_ahrs::GnssFix {

@@ -10,8 +10,8 @@ fn step(ahrs: &mut Ahrs<Fuser>, count: u32) -> Attitude {
     ahrs.update_imu([0.1 * t_s.sin(), 0.02, 1.0], [0.1 * t_s.cos(), 0.2, 9.8], 0.01)
 }
 
-/// Returns a filter after `count` samples and one field sample that no update has used yet, and its
-/// snapshot.
+/// Returns a filter and its snapshot. Both are taken after `count` samples and one magnetometer
+/// sample that no update has used yet.
 fn filter(stage: &str, count: u32) -> (Ahrs<Fuser>, Vec<u8>) {
     let mut ahrs = Ahrs::<Fuser>::with_stage(stage).unwrap();
     for index in 0..count {

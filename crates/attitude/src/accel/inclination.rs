@@ -51,8 +51,8 @@ impl Validate for Inclination {
 
 scalars!(Inclination: up, force_m_s2, norm_m_s2, trust);
 
-/// Returns the trust: 1 at |f| = g, decreasing linearly to 0 at |f| = 0 and at |f| = 2 g or more. A
-/// force that was not used has trust 0.
+/// Returns the trust in a force: 1 at |f| = g, decreasing linearly to 0 at |f| = 0 and at |f| = 2 g
+/// or more. A force that was not used has trust 0.
 #[inline]
 pub(super) fn trust(norm_m_s2: f64, used: bool) -> f64 {
     let deviation = (norm_m_s2 * (1.0 / GRAVITY_M_S2) - 1.0).abs();

@@ -38,7 +38,7 @@ pub(super) fn check_fix(fix: Option<ReceiverFix>) -> (Option<ReceiverFix>, Flags
     (Some(ReceiverFix { fix, longitude_rad, altitude_m: plausible(altitude_m, MAX_ALTITUDE_M) }), Flags::FIX)
 }
 
-/// Magnetometer channel.
+/// Channel of the magnetometer.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct FieldChannel {
     limit_ut: f64,
@@ -51,7 +51,9 @@ impl FieldChannel {
         Self { limit_ut, repeat_filter: RepeatFilter::default() }
     }
 
-    /// Returns the field, in the units of the sensor, if it is a new valid sample, with its flags.
+    /// Returns the magnetic field if it is a new valid sample, and its flags.
+    ///
+    /// The field is in the units of the sensor.
     pub(super) fn check(&mut self, field_ut: Option<[f64; 3]>, calibration: &Calibration) -> (Option<[f64; 3]>, Flags) {
         let Some(field_ut) = field_ut else { return (None, Flags::NONE) };
         if !in_range_units(field_ut, calibration).iter().all(|x| x.abs() < self.limit_ut) {

@@ -13,8 +13,8 @@
 //! | reading | result |
 //! | --- | --- |
 //! | a rate or force that is not finite, or far beyond the range | the last valid value, flagged; rate 0 after `gap_s` |
-//! | a field that is not finite or at the end of the range; an implausible fix | omitted, flagged |
-//! | a field equal to the previous one | no new field sample |
+//! | a magnetic field that is not finite or at the end of the range; an implausible fix | omitted, flagged |
+//! | a magnetic field equal to the previous one | no new magnetic field sample |
 //! | a value at the end of the range | unchanged, flagged |
 //! | \|f\| near zero | unchanged; flagged and ignored by accel |
 //! | the same vector for `stuck_s` | unchanged, flagged; a stuck force is ignored while the rate still varies |
@@ -260,7 +260,7 @@ impl Conditioner {
         let mut catches_up = false;
         let (dt_ns, flags) = match dt_ns {
             1..=MAX_GAP_NS => (dt_ns, Flags::GAP.when(dt_ns > self.gap_ns)),
-            // Readings with the previous stamp have brought the sample time forward too far.
+            // Repeated stamps before this one advanced the sample time beyond the sensor time.
             ..=0 if reading.t_ns > last.t_ns && dt_ns >= -self.gap_ns => {
                 self.typical_interval_ns = (self.typical_interval_ns + (dt_ns - self.typical_interval_ns) / 16).max(2);
                 catches_up = true;

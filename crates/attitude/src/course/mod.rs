@@ -56,9 +56,9 @@ use crate::{
 /// Course stage.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Course {
-    /// `angles`
+    /// Course from the fuser's yaw.
     Angles(AnglesCourse),
-    /// `track`
+    /// Gyroscopic course, corrected towards the track over ground.
     Track(TrackCourse),
 }
 

@@ -1,4 +1,4 @@
-//! Output of a course stage, and the part of it that is handed over to the next stage.
+//! Output of a course stage, and the part of it that is handed over when the stage is replaced.
 
 use core::f64::consts::TAU;
 

@@ -4,8 +4,8 @@
 //!
 //! Output: the reading of the stage, the jump of the newest reset, and the number of resets.
 //!
-//! Failure: if an attitude is missing, the previous one is used. A stage is reset for an invalid
-//! output. If the output after the reset is also invalid, the stage has failed.
+//! Failure: if an attitude is missing, the previous one is used. A stage whose output is invalid is
+//! reset. If the output after the reset is also invalid, the stage has failed.
 
 use super::{CourseInput, CourseReading, CourseReference};
 use crate::{
@@ -43,7 +43,7 @@ pub struct SupervisedReading {
     pub is_reset: bool,
     /// Number of resets of attitude and course.
     pub reset_counter: u64,
-    /// Rotation of the newest reset, in body axes, w x y z.
+    /// Rotation of the attitude by the newest reset, in body axes, w x y z.
     pub jump: [f64; 4],
 }
 
@@ -62,7 +62,7 @@ pub struct SupervisedCourseState {
     pub attitude: Attitude,
     /// Number of resets of the fuser, followed by the number of resets of the course.
     pub reset_counts: [u64; 2],
-    /// Rotation of the newest reset, in body axes, w x y z.
+    /// Rotation of the attitude by the newest reset, in body axes, w x y z.
     pub jump: [f64; 4],
     /// Number of swaps of the fuser.
     pub swap_count: u64,
@@ -98,7 +98,8 @@ impl<S: Stage<Input = CourseInput, Output = CourseReading> + Clone> SupervisedCo
         &mut self.state
     }
 
-    /// Processes a tick. `to_true_north` converts a magnetic course.
+    /// Processes a tick. `to_true_north` converts a reading with a magnetic course to one with a
+    /// true course.
     ///
     /// Returns `None` once the stage has failed permanently.
     #[inline]

@@ -4,8 +4,9 @@ use core::f64::consts::PI;
 
 use crate::scalars::scalars;
 
-/// Standard deviation assumed for the gyro bias by a stage that does not estimate the bias, rad/s:
-/// typical of a calibrated consumer MEMS gyro.
+/// Standard deviation of the gyro bias that is assumed by a stage without a bias estimate, rad/s.
+///
+/// The value is typical of a calibrated consumer MEMS gyro.
 pub(super) const ASSUMED_BIAS_SD_RAD_S: f64 = 0.003;
 /// Averaging time of the innovations' mean square, s.
 const MEMORY_S: f64 = 1.0;

@@ -93,8 +93,8 @@ impl HandedOverBias {
         Estimate { bias_rad_s, bias_sd_rad_s, gyro_scale, hard_iron, ..Estimate::UNKNOWN }
     }
 
-    /// Returns the stored sensor errors, with the stage's own bias if that has the smaller standard
-    /// deviation.
+    /// Returns the stored sensor errors. If the stage's own bias has a smaller standard deviation,
+    /// it replaces the stored bias.
     pub(super) fn sensor_errors_or(&self, bias_rad_s: Vector3<f64>, bias_sd_rad_s: f64) -> Estimate {
         let stored = self.sensor_errors();
         if bias_sd_rad_s <= stored.bias_sd_rad_s { Estimate { bias_rad_s, bias_sd_rad_s, ..stored } } else { stored }

@@ -3,8 +3,8 @@
 //!
 //! z_c' = z' + (z_mag − z_c)/T, with the difference wrapped. Here z_c is the fused z, z is
 //! integrated from the gyro, and T is the time constant. z_mag = atan2(m'_ξ, m'_η) is the heading
-//! of the levelled field m' = A(w)ᵀ m, with the field m in body axes. "z is fused like w" — Matveev
-//! 2025, which gives no further detail. No field sample is rejected as disturbed.
+//! of the levelled magnetic field m' = A(w)ᵀ m, with m in body axes. "z is fused like w" — Matveev
+//! 2025, which gives no further detail. No magnetic field sample is rejected as disturbed.
 
 use super::{
     angle_uncertainty::{ASSUMED_BIAS_SD_RAD_S, AngleUncertainty},
@@ -31,8 +31,8 @@ impl Default for Compass {
 impl Compass {
     /// Creates the state from another stage's heading.
     ///
-    /// A heading that refers to true north is kept until the first field sample, which sets the
-    /// heading.
+    /// A heading that refers to true north is kept until the first magnetic field sample, which
+    /// sets the heading.
     pub(super) fn new(reference: CourseReference, heading_sd_rad: f64) -> Self {
         Self {
             magnetic: reference == CourseReference::Magnetic,
@@ -47,7 +47,8 @@ impl Compass {
         self.uncertainty.drift(ASSUMED_BIAS_SD_RAD_S, dt_s);
     }
 
-    /// Returns the correction to z from a field sample, rad. The first sample sets the heading.
+    /// Returns the correction to z from a magnetic field sample, rad. The first sample sets the
+    /// heading.
     pub(super) fn correction_rad(
         &mut self,
         attitude: Attitude,

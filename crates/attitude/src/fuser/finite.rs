@@ -1,4 +1,4 @@
-//! Input check shared by all fusers: parts with non-finite numbers are treated as missing.
+//! Input check shared by all fusers: a sensor value with a non-finite number is treated as missing.
 //!
 //! Input: the input of a stage.
 //!
@@ -10,9 +10,9 @@
 use super::input::FuserInput;
 use crate::{Vector3, accel::Inclination, gnss::Fix, gyro::Motion, rotation::Rotation};
 
-/// Implements the parts that are the same in every fuser stage: the types of the slot, and `step`.
+/// Implements the items that are the same in every fuser stage: the types of the slot, and `step`.
 ///
-/// `step` passes the input without its invalid parts to `Self::fuse`.
+/// `step` removes invalid sensor values from the input and passes it to `Self::fuse`.
 macro_rules! fuser_step {
     () => {
         type Input = $crate::fuser::FuserInput;
@@ -29,8 +29,10 @@ macro_rules! fuser_step {
 pub(in crate::fuser) use fuser_step;
 
 impl FuserInput {
-    /// Returns the input itself if all its numbers are finite, else a copy in `storage` without the
-    /// invalid parts.
+    /// Returns the input itself if all its numbers are finite, else a copy without the invalid
+    /// values.
+    ///
+    /// The copy is kept in `storage`.
     #[inline]
     pub fn sanitized<'a>(&'a self, storage: &'a mut Option<Self>) -> &'a Self {
         if self.is_finite() { self } else { storage.insert(self.without_non_finite()) }
@@ -62,8 +64,9 @@ impl FuserInput {
     }
 }
 
-/// Returns `true` if all components are finite. A finite number times zero is zero; for any other
-/// value the product is NaN.
+/// Returns `true` if all components are finite.
+///
+/// A finite number times zero is zero. For infinity and NaN the product is NaN.
 #[inline]
 fn vector_is_finite(vector: &Vector3<f64>) -> bool {
     vector.x * 0.0 + vector.y * 0.0 + vector.z * 0.0 == 0.0

@@ -26,7 +26,7 @@ settings! {
     }
 }
 
-/// State of a first-order stage, apart from its attitude.
+/// State of `wz-closed` or `wz-open`, apart from its attitude.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct FirstOrder {
     pub(super) settings: Settings,
@@ -59,7 +59,7 @@ impl FirstOrder {
         dt_s
     }
 
-    /// Returns the part of the tilt error that a tick of `dt_s` corrects.
+    /// Returns the fraction of the tilt error that a tick of length `dt_s` corrects.
     pub(super) fn tilt_gain(&self, dt_s: f64) -> f64 {
         low_pass_gain(dt_s, self.settings.time_constant_s)
     }
@@ -82,8 +82,9 @@ impl FirstOrder {
         corrections.tilt = true;
     }
 
-    /// Returns the correction to z by the magnetic field of the tick, rad; `None` if there is no
-    /// field or no level.
+    /// Returns the correction to z by the magnetic field of the tick, rad.
+    ///
+    /// Returns `None` if the tick has no magnetic field or the level is not aligned yet.
     pub(super) fn heading_correction_rad(
         &mut self,
         attitude: Attitude,
@@ -95,7 +96,7 @@ impl FirstOrder {
         Some(self.compass.correction_rad(attitude, field_ut, time_constant_s, corrections))
     }
 
-    /// Returns the output of the stage with an attitude.
+    /// Returns the output of the stage for the given attitude.
     pub(super) fn fused(
         &self,
         attitude: Attitude,
@@ -123,7 +124,7 @@ impl FirstOrder {
             .or_else(|| self.handed_over.validation_error())
     }
 
-    /// Returns the estimate that the stage hands over with an attitude.
+    /// Returns the estimate that the stage hands over together with the given attitude.
     pub(super) fn estimate(&self, attitude: Attitude) -> Estimate {
         Estimate {
             attitude,

@@ -1,4 +1,4 @@
-//! Scale error of the gyro, in the form in which fusers hand it over.
+//! Scale error of the gyro, as handed over from one fuser to another.
 
 use crate::{Vector3, scalars::Scalars};
 

@@ -1,4 +1,4 @@
-//! Magnetic field of the body itself (hard iron), in the form in which fusers hand it over.
+//! Magnetic field of the body itself (hard iron), as handed over from one fuser to another.
 
 use crate::{Vector3, scalars::Scalars};
 

@@ -1,4 +1,4 @@
-//! Leaky velocity of a levelling loop, in the form in which fusers hand it over.
+//! Leaky velocity of a levelling loop, as handed over from one fuser to another.
 //!
 //! V' = h − V/T, where h is the horizontal specific force and T is 1.5 s in `vqf` and 2 s in `wz`.
 //! V summarises the accelerations of the last seconds. The loop tilts its level at a rate

@@ -1,7 +1,7 @@
 //! Fuser stages, which combine motion, inclination, magnetic field and satellite velocity into one
 //! attitude.
 //!
-//! Input: the [`FuserInput`] of a tick. Every part of it may be missing.
+//! Input: the [`FuserInput`] of a tick. Each sensor value may be missing.
 //!
 //! Output: [`Fused`], the attitude with gyro bias, innovation and standard deviations.
 //!
@@ -108,25 +108,25 @@ fusers! {
 #[derive(Debug, Clone, PartialEq)]
 #[allow(clippy::large_enum_variant, reason = "one value per process, held by value because the crate has no allocator")]
 pub enum Fuser {
-    /// `multiple-model`
+    /// `wz` and `aided` on the same input, with a selection between them.
     MultipleModel(MultipleModel),
-    /// `wz`
+    /// Levelled second-order low-pass, with gyro bias, gyro scale and magnetic heading.
     Wz(Wz),
-    /// `wz-closed`
+    /// Gyro integration with a first-order correction by the accelerometer.
     WzClosed(WzClosed),
-    /// `wz-open`
+    /// High-pass filtered gyro plus low-pass filtered accelerometer, as published.
     WzOpen(WzOpen),
-    /// `madgwick`, `madgwick-improved`
+    /// Gradient descent: `madgwick` or `madgwick-improved`.
     Madgwick(Madgwick),
-    /// `levelling`
+    /// Platform levelling as published.
     Levelling(Levelling),
-    /// `levelling-unified`
+    /// Two platforms with a selection between them.
     LevellingUnified(LevellingUnified),
-    /// `levelling-pi`
+    /// Platform levelling by matched velocity increments.
     LevellingPi(LevellingPi),
-    /// `aided`
+    /// Error-state filter with satellite velocity.
     Aided(Aided),
-    /// `vqf`
+    /// VQF, the reference for comparison.
     Vqf(Vqf),
 }
 
@@ -168,7 +168,7 @@ pub trait FuserStage: Stage<Input = FuserInput, Output = Fused, Common = Estimat
     }
 }
 
-/// Implements [`FuserStage`] with the method of the stage that has the same name.
+/// Implements [`FuserStage`] by the stage's own method `realign`.
 macro_rules! fuser_stages {
     ($($Stage:ident)+) => {
         $(impl FuserStage for $Stage {

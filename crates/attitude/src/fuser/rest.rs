@@ -1,9 +1,9 @@
 //! Rest detector: gyro and accelerometer have stayed close to their own means for a while.
 //!
 //! The gyro is checked at each sample, the accelerometer at each update. A mean rate within 2 °/s
-//! of zero or of the known bias is taken for a bias. A larger one is taken for a bias only while
-//! the bias is unknown, and only if neither the specific force nor the magnetic field has turned as
-//! it would if the body rotated at that rate.
+//! of zero or of the known bias is accepted as a bias. A larger mean rate is accepted only while
+//! the bias is unknown. In addition, neither the specific force nor the magnetic field may have
+//! turned as it would if the body rotated at that rate.
 //!
 //! Failure: a steady rotation about the vertical at less than 2 °/s looks like rest. So does a
 //! steady rotation about the vertical at up to 11 °/s if the bias is unknown and there is no
@@ -16,29 +16,34 @@ use crate::{Vector3, scalars::scalars};
 const MEAN_TIME_CONSTANT_S: f64 = 0.5;
 /// Largest deviation of a rate from its mean at rest, rad/s (2 °/s).
 const MAX_RATE_DEVIATION_RAD_S: f64 = 0.034_906_585;
-/// Largest deviation of the mean rate from zero or from the known bias, per component, that is
-/// accepted without further conditions, rad/s (2 °/s).
+/// Largest deviation of the mean rate from zero or from the known bias, rad/s (2 °/s).
+///
+/// The limit applies to each component. A mean rate within the limit is accepted as a bias without
+/// further conditions.
 const MAX_DEVIATION_FROM_BIAS_RAD_S: f64 = 0.034_906_585;
 /// Largest component of the mean rate that is accepted as a bias, rad/s (11 °/s). Data sheets of
 /// consumer MEMS gyros allow a bias of 10 °/s.
 const MAX_BIAS_RAD_S: f64 = 0.191_986_218;
-/// Longest interval in which a large mean rate may be taken for a bias, s. A longer interval, such
-/// as one with a jump of the timestamps, does not show whether the body has rotated.
+/// Longest interval in which a large mean rate may be accepted as a bias, s. A longer interval,
+/// such as one with a jump of the timestamps, does not show whether the body has rotated.
 const MAX_INTERVAL_S: f64 = 0.5;
-/// Largest change of force and field that is consistent with rest, as a fraction of the change that
-/// a real rotation would cause.
+/// Largest change of force and magnetic field that is consistent with rest.
+///
+/// The change is a fraction of that which a real rotation would cause.
 const MAX_CHANGE_FRACTION: f64 = 0.5;
 /// Minimum change of the magnetic field by which a real rotation is recognised, µT: several times
 /// the noise of a magnetometer.
 const MIN_FIELD_CHANGE_UT: f64 = 2.0;
-/// Time without movement after which a rest is detected even if a real rotation would change the
-/// field by less than [`MIN_FIELD_CHANGE_UT`], s.
+/// Time without movement after which a large mean rate is accepted as a bias in any case, s.
+///
+/// Before this time, the mean rate is not accepted while a real rotation would change the measured
+/// magnetic field by less than [`MIN_FIELD_CHANGE_UT`].
 const MAX_UNDECIDED_S: f64 = 3.0;
 /// Largest deviation of a force from its mean at rest, m/s².
 const MAX_FORCE_DEVIATION_M_S2: f64 = 0.5;
 /// Change of the mean force that is attributed to noise, m/s².
 const MIN_FORCE_CHANGE_M_S2: f64 = 0.2;
-/// Largest plausible component of the field, µT. A larger field counts as missing.
+/// Largest plausible component of the magnetic field, µT. A larger field counts as missing.
 const MAX_FIELD_UT: f64 = 1e3;
 /// Largest plausible rate, rad/s. A larger mean rate resets the detector.
 const MAX_RATE_RAD_S: f64 = 1e6;
@@ -68,11 +73,11 @@ pub(super) struct RestInput {
 pub(super) struct RestDetector {
     rate_mean_rad_s: Vector3<f64>,
     force_mean_m_s2: Vector3<f64>,
-    /// Last field since the last update, µT; zero if there was none.
+    /// Last magnetic field since the last update, µT; zero if there was none.
     last_field_ut: Vector3<f64>,
-    /// Mean field, µT; zero before the first field.
+    /// Mean magnetic field, µT; zero before the first sample.
     field_mean_ut: Vector3<f64>,
-    /// Mean force and field at the start of the quiet time.
+    /// Mean force and magnetic field at the start of the quiet time.
     initial_force_m_s2: Vector3<f64>,
     initial_field_ut: Vector3<f64>,
     /// Integral of the rate since the last update, rad.
@@ -107,7 +112,7 @@ impl Default for RestDetector {
 }
 
 impl RestDetector {
-    /// Processes one gyro sample and the magnetic field, if there is one, µT, body axes.
+    /// Processes one gyro sample, with the magnetic field if present, µT, body axes.
     #[inline]
     pub(super) fn observe(&mut self, rate_rad_s: Vector3<f64>, field_ut: Option<Vector3<f64>>, dt_s: f64) {
         if let Some(field_ut) = field_ut {
@@ -161,7 +166,8 @@ impl RestDetector {
         self.bias_rad_s += (rate_rad_s - self.bias_rad_s) * (interval_s / self.quiet_s.min(BIAS_MEMORY_S)).min(1.0);
     }
 
-    /// Averages the field. Without a field since the last update, the mean stays unchanged.
+    /// Averages the magnetic field. Without a sample since the last update, the mean stays
+    /// unchanged.
     fn average_field(&mut self, gain: f64) {
         let field_ut = core::mem::take(&mut self.last_field_ut);
         if field_ut == Vector3::zeros() || field_ut.amax() > MAX_FIELD_UT {
@@ -171,8 +177,10 @@ impl RestDetector {
         self.field_mean_ut += (field_ut - self.field_mean_ut) * gain;
     }
 
-    /// Returns `true` if the change of the mean force or field since the start of the quiet time
-    /// indicates a real rotation at the mean rate.
+    /// Returns `true` if the body appears to have rotated at the mean rate since the start of the
+    /// quiet time.
+    ///
+    /// The evidence is the change of the mean force or of the mean magnetic field.
     fn has_turned(&self) -> bool {
         let rotation_rad = self.rate_mean_rad_s * self.quiet_s;
         let has_turned = |initial: Vector3<f64>, mean: Vector3<f64>, noise: f64| {
@@ -222,8 +230,9 @@ mod tests {
     const DT_S: f64 = 0.01;
     const FIELD_UT: [f64; 3] = [4.0, 18.0, -42.0];
 
-    /// Returns the time at which a rest is detected, s, up to 20 s. The body rotates at
-    /// `rate_rad_s`, and the gyro reads `bias_rad_s` too much.
+    /// Returns the time of the first rest detection within 20 s, s; `None` if no rest is detected.
+    ///
+    /// The body rotates at `rate_rad_s`, and the gyro reads `bias_rad_s` too much.
     fn detected_s(rate_rad_s: Vector3<f64>, bias_rad_s: Vector3<f64>, with_field: bool) -> Option<f64> {
         let mut detector = RestDetector::default();
         (1..2000).map(|tick| f64::from(tick) * DT_S).find(|t_s| {

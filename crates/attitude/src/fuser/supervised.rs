@@ -11,7 +11,7 @@
 //!   than [`MAX_BRIDGED_GAP_S`] re-initialises the level.
 //! - After a rate outage the level is re-initialised if its error has become too large.
 //! - The specific force of a dead accelerometer is not used.
-//! - A stage is reset for an invalid output. If the output after the reset is also invalid, the
+//! - A stage whose output is invalid is reset. If the output after the reset is also invalid, the
 //!   stage has failed.
 
 use super::{Fused, FuserInput, FuserStage, innovation_rad};
@@ -109,7 +109,8 @@ pub struct ForceFaults {
 /// Output of a [`SupervisedFuser`] at a tick.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct SupervisedFused {
-    /// Output of the stage. Its `corrections` also flag a realignment, rest and a disturbed field.
+    /// Output of the stage. Its `corrections` also flag a realignment, rest and a disturbed
+    /// magnetic field.
     pub fused: Fused,
     /// Set once the attitude has been aligned. Before that, the attitude is arbitrary.
     pub is_aligned: bool,

@@ -3,7 +3,7 @@
 //! The variances are large, and they increase further while the body turns. With fixed gains, the
 //! update would be the autonomous law of platform levelling. That law uses the low-pass filtered
 //! specific force minus V H', the product of speed and turn rate. An assumed velocity must not
-//! steer the course, so its gains for the heading and for the gyro bias about the body's vertical
+//! change the course, so its gains for the heading and for the gyro bias about the body's vertical
 //! are zero.
 
 use super::{

@@ -18,7 +18,7 @@ use crate::{Vector3, course::CourseReference, fuser::bias_handover::HandedOverBi
 /// direction 20° from the vertical.
 const MIN_HORIZONTAL_FORWARD: f64 = 0.34;
 
-/// Fuser stage `aided`.
+/// Fuser stage `aided`: an error-state filter with the velocity of a satellite receiver.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Aided {
     pub(super) settings: Settings,

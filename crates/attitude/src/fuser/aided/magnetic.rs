@@ -7,14 +7,14 @@ use super::{
 };
 use crate::{Vector3, course::CourseReference, fuser::fused::Corrections, state::wrapped_rad};
 
-/// Smallest horizontal component of the unit field vector that gives a direction.
+/// Smallest horizontal component of the unit magnetic field vector that gives a direction.
 const MIN_HORIZONTAL_FRACTION: f64 = 0.1;
-/// States that the field does not correct. The field corrects the heading and, through correlation,
-/// the gyro bias, but not the level.
+/// States that the magnetic field does not correct. The magnetic field corrects the heading and,
+/// through correlation, the gyro bias, but not the level.
 const CONSIDERED: [usize; 9] = [0, 1, 2, 3, 4, 9, 10, 11, 12];
 
 impl Aided {
-    /// Updates the heading with a field sample.
+    /// Updates the heading with a magnetic field sample.
     pub(super) fn update_magnetic_heading(&mut self, field_ut: Vector3<f64>, corrections: &mut Corrections) {
         let settings = self.settings;
         let interval_s = self.since_field_s.min(1.0);

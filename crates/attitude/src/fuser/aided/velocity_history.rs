@@ -24,7 +24,7 @@ impl VelocityHistory {
         self.0[0] = Entry { velocity_m_s, interval_s };
     }
 
-    /// Subtracts a correction from all velocities.
+    /// Subtracts a velocity correction from all stored velocities.
     pub(super) fn apply_correction(&mut self, correction_m_s: Vector3<f64>) {
         self.0.iter_mut().for_each(|entry| entry.velocity_m_s -= correction_m_s);
     }

@@ -7,9 +7,9 @@ use crate::{
     gyro::Motion,
 };
 
-/// Maximum force or acceleration of a vehicle, m/s². Larger values are limited to it.
+/// Maximum force or acceleration of a vehicle, m/s². Larger values are clamped.
 pub(super) const MAX_FORCE_M_S2: f64 = 500.0;
-/// Maximum rate of a vehicle, rad/s. Larger values are limited to it.
+/// Maximum rate of a vehicle, rad/s. Larger values are clamped.
 pub(super) const MAX_RATE_RAD_S: f64 = 100.0;
 /// Smallest standard deviation of the inclination, rad.
 ///

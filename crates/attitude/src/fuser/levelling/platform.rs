@@ -61,8 +61,9 @@ pub(super) struct Platform {
     /// Time for which the low-pass filter still computes a plain mean, s. After that, the filter
     /// uses its time constant.
     averaging_deficit_s: f64,
-    /// Tilt measured by levelling, low-pass filtered over the levelling time constant, platform
-    /// axes, rad.
+    /// Tilt measured by levelling, low-pass filtered over the levelling time constant.
+    ///
+    /// Platform axes, rad.
     lag_rad: Complex<f64>,
 }
 

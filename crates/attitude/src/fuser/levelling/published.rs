@@ -36,7 +36,7 @@ settings! {
     }
 }
 
-/// Fuser stage `levelling`.
+/// Fuser stage `levelling`: platform levelling as published in S4.
 ///
 /// The heading is free: it follows the gyro from an arbitrary initial direction.
 #[derive(Debug, Clone, PartialEq, Default)]

@@ -73,7 +73,7 @@ const DRIFT_RAD_S: f64 = 0.05 * PI / 180.0;
 /// Assumed RMS angle between a vehicle's nose and its track, rad (3°).
 const CRAB_SD_RAD: f64 = 3.0 * PI / 180.0;
 
-/// Fuser stage `levelling-unified`.
+/// Fuser stage `levelling-unified`: two platforms in parallel, of which one provides the level.
 #[derive(Debug, Clone, PartialEq)]
 pub struct LevellingUnified {
     settings: UnifiedSettings,
@@ -252,7 +252,7 @@ impl Stage for LevellingUnified {
     }
 
     /// Continues both platforms from the handed-over attitude. If the course does not refer to true
-    /// north, the next track sets it.
+    /// north, the next track sets the course.
     fn adopt(&mut self, common: &Estimate) -> Result<(), RestoreError> {
         common.validate()?;
         self.aided.adopt(common.attitude, self.settings.low_pass_s);

@@ -14,9 +14,10 @@
 //! gradient is 2 q ⊗ (|v|² − v·s, v × s). For two directions it is the sum of both gradients.
 //!
 //! For the specific force, d is ζ0. For the magnetic field, d is (0, b_η, b_ζ), where b_η and b_ζ
-//! are the horizontal and the vertical part of the field in the frame of the last estimate. No map
-//! of the field is needed, and η0 is magnetic north — Madgwick, *An efficient orientation filter
-//! for inertial and inertial/magnetic sensor arrays*, 2010, (45), (46).
+//! are the horizontal and the vertical part of the magnetic field in the frame of the last
+//! estimate. No map of the magnetic field is needed, and η0 is magnetic north — Madgwick, *An
+//! efficient orientation filter for inertial and inertial/magnetic sensor arrays*, 2010, (45),
+//! (46).
 //!
 //! Here q_g is q(t−1) after the exact rotation from the gyro slot. The paper's (1), a single Euler
 //! step, differs from it only in third order.
@@ -66,14 +67,14 @@ settings! {
     }
 }
 
-/// Form of the gradient step.
+/// Kind of gradient step.
 #[derive(Debug, Clone, Copy, PartialEq)]
 enum Descent {
     Original(OriginalSettings),
     Improved(ImprovedSettings),
 }
 
-/// Fuser by gradient descent: `madgwick` or `madgwick-improved`.
+/// Fuser stage `madgwick` or `madgwick-improved`: gradient descent on the quaternion.
 ///
 /// The defaults are the best gains on the ten trials of BROAD. The paper's own gains (0.021 rad/s
 /// and 0.029 1/s) are the best in its simulation, whose gyro has no bias. With gains that low, the
@@ -84,7 +85,7 @@ pub struct Madgwick {
     quaternion: Quaternion<f64>,
     levelled: bool,
     magnetic: bool,
-    /// Time since the last field sample, s.
+    /// Time since the last magnetic field sample, s.
     since_field_s: f64,
     tilt: AngleUncertainty,
     heading: AngleUncertainty,
@@ -132,7 +133,7 @@ impl Madgwick {
             Descent::Improved(settings) => {
                 let step = |interval_s: f64| (settings.beta_1_s * interval_s).min(MAX_STEP);
                 let (step, field_step) = (step(motion.dt_s), step(self.since_field_s));
-                // A field that arrives only at every nth tick gets n times the weight.
+                // A magnetic field that arrives only at every nth tick gets n times the weight.
                 let weight = if step > 0.0 { field_step / step } else { 1.0 };
                 predicted - directions.gradient(predicted, weight) * step
             }
@@ -193,8 +194,8 @@ impl Madgwick {
             }
             if let Some(field) = directions.field {
                 let error_rad = heading_correction_rad(predicted, field);
-                // The steeper the field, the less its direction depends on the heading, so the gain
-                // is reduced.
+                // The steeper the magnetic field, the less its direction depends on the heading, so
+                // the gain is reduced.
                 let gain = self.gain(&self.heading, self.since_field_s) * predicted.horizontal(field).norm_sqr();
                 self.heading.record_correction(error_rad, gain, self.since_field_s);
                 self.since_field_s = 0.0;
@@ -273,8 +274,8 @@ impl Stage for Madgwick {
         }
     }
 
-    /// Continues from the handed-over state. A heading from true north is kept until the next field
-    /// sample, which resets it.
+    /// Continues from the handed-over state. A heading from true north is kept until the next
+    /// magnetic field sample, which resets it.
     fn adopt(&mut self, common: &Estimate) -> Result<(), RestoreError> {
         common.validate()?;
         self.quaternion = common.attitude.quaternion();

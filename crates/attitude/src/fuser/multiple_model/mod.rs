@@ -45,7 +45,7 @@ use {transition::Transition, turn_detector::TurnDetector};
 const GROUND_MOTION_HOLD_S: f64 = 300.0;
 /// Parameters of `wz`, then those of `aided`.
 ///
-/// A parameter of both stages is listed once, with those of `aided`, and set in both. The
+/// A parameter that both stages have is listed once, with those of `aided`, and set in both. The
 /// magnetometer parameters of `aided` are omitted because the magnetic heading is that of `wz`.
 const PARAMETERS: &[Parameter] =
     &concat::<{ WZ_PARAMETERS.len() + AIDED_PARAMETERS.len() }>(WZ_PARAMETERS, AIDED_PARAMETERS);
@@ -63,7 +63,7 @@ const fn concat<const COUNT: usize>(first: &[Parameter], second: &[Parameter]) -
     all
 }
 
-/// Stage from which a part of the output is taken.
+/// Stage that provides the level or the heading.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Model {
     Wz,
@@ -89,14 +89,14 @@ impl ModelSelection {
     }
 }
 
-/// Values of the stages selected for level and heading.
+/// Values from the stage selected for the level and from the stage selected for the heading.
 #[derive(Debug, Clone, Copy)]
 struct Selected<T> {
     level: T,
     heading: T,
 }
 
-/// Fuser stage `multiple-model`.
+/// Fuser stage `multiple-model`: `wz` and `aided` in parallel, with a selection between them.
 #[derive(Debug, Clone, PartialEq)]
 pub struct MultipleModel {
     wz: Wz,

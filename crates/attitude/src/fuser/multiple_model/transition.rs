@@ -24,7 +24,7 @@ const BLEND_TIME_CONSTANT_S: f64 = 0.5;
 /// Largest part of the difference that is removed in one tick, rad (0.01°).
 const MAX_STEP_RAD: f64 = 1.745_329_3e-4;
 
-/// Rotation applied to the attitude of the stage that provides the level.
+/// Rotation from the attitude of the stage that provides the level to the output attitude.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub(super) struct Transition {
     /// Rotation about the vertical, rad.
@@ -64,8 +64,10 @@ impl Transition {
         jumps
     }
 
-    /// Moves the heading towards that of `heading`, or towards that of the level stage if `heading`
-    /// is `None`. Returns `true` if the heading jumps because the difference is too large.
+    /// Moves the output heading towards that of `heading`.
+    ///
+    /// If `heading` is `None`, the output heading moves towards that of the level stage. Returns
+    /// `true` if the heading jumps because the difference is too large.
     pub(super) fn follow_heading(&mut self, level: Attitude, heading: Option<Attitude>, dt_s: f64) -> bool {
         let target_rad =
             heading.map_or(0.0, |heading| about_vertical_rad(heading.quaternion() * level.quaternion().conjugate()));
@@ -101,8 +103,9 @@ fn blend_gain(remaining2_rad2: f64, dt_s: f64) -> f64 {
     }
 }
 
-/// Splits `rotation` into a rotation about the vertical and a subsequent one about a horizontal
-/// axis. Returns the angle about the vertical, rad.
+/// Returns the angle by which `rotation` turns the body about the vertical, rad.
+///
+/// `rotation` is split into a rotation about the vertical, followed by one about a horizontal axis.
 fn about_vertical_rad(rotation: Quaternion<f64>) -> f64 {
     wrapped_rad(2.0 * libm::atan2(rotation.k, rotation.w))
 }

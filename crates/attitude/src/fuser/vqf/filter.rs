@@ -16,14 +16,16 @@ use crate::{
 };
 use vqf_rs::{Params, VQF};
 
-/// Interval between field samples above which the field is not smoothed, s. At a longer interval,
-/// the cut-off of the 0.05 s low-pass filter would exceed the Nyquist frequency.
+/// Interval between magnetic field samples above which the field is not smoothed, s.
+///
+/// At a longer interval, the cut-off of the 0.05 s low-pass filter would exceed the Nyquist
+/// frequency.
 const MAX_SMOOTHED_INTERVAL_S: f64 = 0.1;
 /// Largest component of a sample, in its SI unit or µT. It is far beyond any sensor's range, yet
 /// its square is finite.
 const MAX_READING: f64 = 1e6;
 
-/// Fuser stage `vqf`.
+/// Fuser stage `vqf`: the filter of vqf-rs.
 pub struct Vqf {
     pub(super) filter: VQF,
     pub(super) motion_period: SamplingPeriod,
@@ -93,8 +95,8 @@ impl Vqf {
         self.heading.drift(bias_sd_rad_s, motion.dt_s);
     }
 
-    /// Corrects the heading with a field sample. Returns `true` for the first sample, which sets
-    /// the heading.
+    /// Corrects the heading with a magnetic field sample. Returns `true` for the first sample,
+    /// which sets the heading.
     pub(super) fn process_field(&mut self, field_ut: Vector3<f64>) -> bool {
         let interval_s = self.field_period.since_s;
         if self.field_period.record_sample() {

@@ -12,8 +12,10 @@ use crate::{
 };
 
 impl Vqf {
-    /// Sets the magnetometer-free attitude and resets the low-pass filters of the force and of the
-    /// bias in motion, because their states no longer fit it.
+    /// Sets the magnetometer-free attitude.
+    ///
+    /// Also resets the low-pass filters of the force and of the bias in motion, because their
+    /// states no longer fit the attitude.
     pub(super) fn set_attitude(&mut self, attitude: Attitude) {
         let q = attitude.quaternion();
         let state = self.filter.state_mut();
@@ -82,8 +84,10 @@ impl Vqf {
         state.acc_lp_state = core::array::from_fn(delayed);
     }
 
-    /// Returns the response of the low-pass filter: its two delay elements after a single sample of
-    /// 1, its two delay elements at a steady input of 1, and its sampling interval, s.
+    /// Returns the response of the low-pass filter.
+    ///
+    /// The result contains its two delay elements after a single sample of 1, its two delay
+    /// elements at a steady input of 1, and its sampling interval, s.
     fn low_pass_response(&self) -> ([f64; 2], [f64; 2], f64) {
         let coefficients = self.filter.coeffs();
         let (b, a) = (coefficients.acc_lp_b, coefficients.acc_lp_a);
@@ -95,8 +99,9 @@ impl Vqf {
 /// gyro integration.
 pub(super) struct ForceLowPass {
     force_m_s2: Vector3<f64>,
-    /// Velocity change that is equivalent to the rate of change of the output, m/s. A force pulse
-    /// of one sample with this velocity change, applied to a filter at rest, causes the same rate
-    /// of change.
+    /// Velocity change that is equivalent to the rate of change of the output, m/s.
+    ///
+    /// A force pulse of one sample with this velocity change causes the same rate of change in a
+    /// filter at rest.
     velocity_m_s: Vector3<f64>,
 }

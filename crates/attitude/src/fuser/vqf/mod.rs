@@ -4,7 +4,7 @@
 //! magnetic disturbance rejection, *Information Fusion* 91, 2023, 187–204.
 //!
 //! Frames and signs are those of this crate: east, north, up. The heading is that of the
-//! magnetometer-free part until the first field sample.
+//! magnetometer-free attitude until the first magnetic field sample.
 //!
 //! vqf-rs filters with a sampling time that is fixed on construction. Here the mean of the first
 //! intervals serves as this sampling time. The attitude itself is integrated over the actual length
@@ -128,8 +128,8 @@ impl Stage for Vqf {
         }
     }
 
-    /// Continues from a handed-over state. A heading that refers to true north is kept until
-    /// the next field sample, which resets it. The bias is clamped to the range of VQF.
+    /// Continues from a handed-over state. A heading that refers to true north is kept until the
+    /// next magnetic field sample, which resets it. The bias is clamped to the range of VQF.
     fn adopt(&mut self, common: &Estimate) -> Result<(), RestoreError> {
         common.validate()?;
         self.set_attitude(common.attitude);

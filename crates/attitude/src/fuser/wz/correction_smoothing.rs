@@ -13,8 +13,8 @@ const TIME_CONSTANT_S: f64 = 0.1;
 /// Largest correction applied in a tick, rad (0.03°).
 const MAX_STEP_RAD: f64 = 5.235_988e-4;
 
-/// Returns the fraction of a pending correction to apply in a tick. `pending2_rad2` is the square
-/// of the pending correction, rad².
+/// Returns the fraction of a pending correction to apply in a tick. `pending2_rad2` is the squared
+/// angle of the correction, rad².
 #[inline]
 pub(super) fn fraction(pending2_rad2: f64, dt_s: f64) -> f64 {
     let fraction = (dt_s * (1.0 / TIME_CONSTANT_S)).min(1.0);

@@ -38,7 +38,7 @@ pub(super) struct Track {
 #[derive(Debug, Clone, PartialEq, Default)]
 pub(super) struct Aiding {
     matched: DelayMatchedIntegral,
-    /// Velocity of the last fix, east + j north, m/s.
+    /// Velocity reported by the last fix, east + j north, m/s.
     velocity_m_s: Complex<f64>,
     /// Set if the force has been integrated without interruption since the validity time of the
     /// last fix.

@@ -9,7 +9,7 @@ use crate::{Complex, Vector3, fuser::bias_handover::HandedOverBias, state::Attit
 pub(super) const UNKNOWN_BIAS_SD_RAD_S: f64 = 0.1 * PI / 180.0;
 /// Standard deviation below which the bias counts as known, rad/s.
 pub(super) const KNOWN_BIAS_SD_RAD_S: f64 = 0.05 * PI / 180.0;
-/// Largest component of the bias, rad/s (5 °/s). A larger value must have another cause.
+/// Largest component of the bias, rad/s (5 °/s). A larger estimate does not come from a gyro bias.
 pub(super) const MAX_BIAS_RAD_S: f64 = 5.0 * PI / 180.0;
 
 /// Fuser stage `levelling-pi`.
@@ -46,7 +46,7 @@ pub struct LevellingPi {
     pub(super) turn_rate_rad_s: f64,
     pub(super) aiding: Aiding,
     pub(super) heading: Heading,
-    /// Tilt correction that is still to be applied, platform axes, rad.
+    /// Tilt correction that has not been applied yet, platform axes, rad.
     pub(super) pending_rad: Complex<f64>,
     /// Low-pass filtered force minus V H' while there are no fixes, platform axes, m/s².
     pub(super) low_pass_m_s2: Complex<f64>,

@@ -27,8 +27,10 @@ const TYPICAL_CROSSWIND_M_S: f64 = 6.0;
 pub(super) struct HeadingCorrection {
     /// Azimuth error to subtract, rad, counter-clockwise.
     pub(super) azimuth_rad: f64,
-    /// Increment to add to the bias about the vertical, rad/s. It has the sign of the azimuth
-    /// error, because a gyro that reads too high rotates the azimuth too far.
+    /// Increment to add to the bias about the vertical, rad/s.
+    ///
+    /// The increment has the sign of the azimuth error, because a gyro that reads too high rotates
+    /// the azimuth too far.
     pub(super) bias_rad_s: f64,
 }
 

@@ -31,11 +31,13 @@ const STANDSTILL_BIAS_SD_RAD_S: f64 = 0.01 * PI / 180.0;
 const BIAS_RANDOM_WALK_RAD_S: f64 = 0.0005 * PI / 180.0;
 /// Time constant with which the bias follows the mean rate at standstill, s.
 const STANDSTILL_BIAS_TIME_CONSTANT_S: f64 = 5.0;
-/// Limit on the mismatch between the velocity increments from the force and from the fixes:
-/// constant part, m/s. The limit bounds the effect of an outlier.
+/// Constant part of the limit on the mismatch between velocity increments, m/s.
+///
+/// The mismatch is the difference between the increments from the force and from the fixes. The
+/// limit bounds the effect of an outlier.
 const MAX_UNEXPLAINED_M_S: f64 = 0.5;
-/// Limit on the mismatch between the velocity increments: part proportional to their duration,
-/// m/s².
+/// Part of the mismatch limit that is proportional to the duration of the increments, m/s². See
+/// [`MAX_UNEXPLAINED_M_S`].
 const MAX_UNEXPLAINED_M_S2: f64 = 2.0;
 
 impl LevellingPi {

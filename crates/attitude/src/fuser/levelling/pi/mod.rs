@@ -201,7 +201,7 @@ impl Stage for LevellingPi {
         if common.bias_sd_rad_s.is_finite() {
             adopted.bias_rad_s = limited(common.bias_rad_s, MAX_BIAS_RAD_S);
             // A bias may count as known only if the level and the speed are known, too. After a
-            // hand-over these two count as unknown, as on a cold start.
+            // hand-over, level and speed count as unknown, as on a cold start.
             let sd_rad_s = common.bias_sd_rad_s.max(KNOWN_BIAS_SD_RAD_S);
             adopted.bias_variance_rad2_s2 = (sd_rad_s * sd_rad_s).min(adopted.bias_variance_rad2_s2);
         }
