@@ -21,7 +21,7 @@ pub struct Fix {
 /// Fix of a satellite receiver, with longitude and altitude.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct ReceiverFix {
-    /// Part of the fix that stages use.
+    /// Values of the fix that stages use.
     pub fix: Fix,
     /// Longitude, rad, east positive, if known.
     pub longitude_rad: Option<f64>,
@@ -36,7 +36,7 @@ impl From<Fix> for ReceiverFix {
 }
 
 impl Fix {
-    /// Removes optional fields that are not finite. Returns `None` if the velocity is not finite.
+    /// Removes optional values that are not finite. Returns `None` if the velocity is not finite.
     pub fn finite(self) -> Option<Self> {
         let number = |value: Option<f64>| value.filter(|value| value.is_finite());
         let (sd_m_s, age_s, latitude_rad) = (number(self.sd_m_s), number(self.age_s), number(self.latitude_rad));

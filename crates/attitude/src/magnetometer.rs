@@ -1,12 +1,11 @@
 //! New magnetometer samples in a sequence that repeats them.
 //!
-//! Input: the field at every tick.
+//! Input: the magnetic field at every tick.
 //!
-//! Output: the field at the ticks at which it is new, as a fuser expects it.
+//! Output: the magnetic field at those ticks at which it is new, as a fuser expects it.
 //!
 //! A magnetometer is slower than a gyro. Recordings and drivers often repeat its newest sample
-//! until the next one arrives. A fuser would take every repetition for a measurement at its own
-//! tick.
+//! until the next one arrives. A fuser would treat every repetition as a new measurement.
 
 use crate::{Vector3, state_words::StateWords};
 
@@ -17,7 +16,7 @@ pub struct RepeatFilter {
 }
 
 impl RepeatFilter {
-    /// Returns the field, µT, or `None` if it is missing or equal to the previous one.
+    /// Returns the magnetic field, µT, or `None` if it is missing or equal to the previous one.
     pub fn new_sample(&mut self, field_ut: Option<Vector3<f64>>) -> Option<Vector3<f64>> {
         field_ut.filter(|field_ut| self.previous_ut.replace(*field_ut) != Some(*field_ut))
     }

@@ -12,7 +12,7 @@ pub trait Scalars {
     fn visit(&mut self, visit: &mut dyn FnMut(&mut f64));
 }
 
-/// Visits fields of `self` in the given order. Fields after `without` hold no state.
+/// Visits struct fields of `self` in the given order. Fields after `without` hold no state.
 ///
 /// A field that is in neither list causes a compile error, so that no part of a state is forgotten.
 macro_rules! visit_fields {

@@ -4,8 +4,8 @@
 //!
 //! Output: the opened file, or the result of the check.
 //!
-//! Failure: symbolic links are not followed. A file of another kind, one that belongs to another
-//! user, or one that is accessible to others is reported and left unchanged.
+//! Failure: symbolic links are not followed. A file of an unexpected type, one that belongs to
+//! another user, or one that is accessible to others is reported and left unchanged.
 
 use std::{
     fs::{self, File},
@@ -38,7 +38,7 @@ pub(crate) fn open_file(path: &Path, create: bool) -> Result<File, BusError> {
         }
         Err(Errno::NOENT) => Err(failed("opening", path, Errno::NOENT.into())),
         Err(cause) => {
-            // The kind and owner of the existing file explain the failure better than the error
+            // The type and owner of the existing file explain the failure better than the error
             // from `open`.
             let found = fs::symlink_metadata(path).map_err(|cause| failed("inspecting", path, cause))?;
             check_access(path, &found, "file", found.is_file())?;

@@ -24,7 +24,7 @@ pub(crate) struct ProcessLease {
     system_name: SystemName,
     /// Process ID of the owner at the time when this process joined.
     owner_pid: u32,
-    /// Set when this process is notified that the owner has died.
+    /// Set when this process is notified that the owner has exited.
     pub(crate) owner_exited: Arc<AtomicBool>,
 }
 

@@ -35,7 +35,7 @@ impl SystemName {
             // Not a fault: a connection file is removed as soon as one of its two ports is closed.
             "connection" => false,
             // The data file of a publisher is removed with the publisher, but subscribers keep it
-            // open for reading for a while. It is a fault only if the removed file is open for
+            // open for reading for a while. A removed data file is a fault only if it is open for
             // writing.
             "data" => fs::symlink_metadata(fd).ok()?.permissions().mode() & OWNER_WRITABLE != 0,
             _ => !path.starts_with(self.root().join("nodes")),

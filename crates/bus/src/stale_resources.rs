@@ -19,8 +19,8 @@ use crate::{
     system_name::{NAME_PREFIX, OWNER_START_TIMEOUT, POLL_INTERVAL, SHARED_MEMORY},
 };
 
-/// Extensions of segments with a predictable name. The segments contain the state of a topic and
-/// the number of nodes.
+/// Extensions of the segments with predictable names: the state of a topic, and the number of
+/// nodes.
 const RESERVED_KINDS: [&str; 2] = ["dynamic", "global_mgmt"];
 
 /// Files of one system and their state.
@@ -191,8 +191,10 @@ impl SystemName {
         named.map(|entry| entry.path()).chain(folder).collect()
     }
 
-    /// Returns a segment that has no size because its creator was killed too early, if there is
-    /// one. Opening such a segment would block forever.
+    /// Returns a segment without a size, if there is one.
+    ///
+    /// The creator of the segment was killed before it set the size. Opening such a segment would
+    /// block forever.
     pub(crate) fn incomplete_segment(&self) -> Option<PathBuf> {
         let is_empty = |path: &PathBuf| {
             let made = path.extension().is_some_and(|kind| kind == "dynamic" || kind == "connection" || kind == "data");

@@ -165,8 +165,9 @@ impl SystemName {
         }
     }
 
-    /// Registers briefly as a member, provided that the system is running. While the returned file
-    /// is held, no later owner can remove the system's files.
+    /// Registers briefly as a member of the system, provided that the system is running.
+    ///
+    /// While the returned file is held, no later owner can remove the system's files.
     pub(crate) fn lock_running(&self) -> Result<File, BusError> {
         let file = match owned_files::open_file(&self.members_path(), false) {
             Err(BusError::File { cause, .. }) if cause.kind() == io::ErrorKind::NotFound => {

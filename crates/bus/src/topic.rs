@@ -24,11 +24,12 @@ use crate::{
     wake::TopicWaker,
 };
 
-/// Interval, in calls of [`Subscriber::drain`], at which messages that were not counted when they
-/// were published are read as well.
+/// Interval between full drains, in calls of [`Subscriber::drain`].
+///
+/// A full drain also reads messages that were not counted when they were published.
 const FULL_DRAIN_INTERVAL: u32 = 16;
-/// Number of initial calls of [`Subscriber::drain`] that all read messages that were not counted
-/// when they were published. History is delivered during these calls.
+/// Number of initial calls of [`Subscriber::drain`] that are full drains. History is delivered
+/// during these calls.
 const FULL_DRAINS_AT_START: u32 = 64;
 
 /// Membership of a process in the bus of a system.
@@ -152,8 +153,10 @@ impl<M: Message> Publisher<M> {
         Ok(())
     }
 
-    /// Announces that `tick` is about to be published, which makes the tick after it the topic's
-    /// next tick. A replacement can thus determine how far a dead publisher got.
+    /// Announces that `tick` is about to be published, so that the next tick of the topic is the
+    /// one after it.
+    ///
+    /// From the next tick, a replacement can determine how far a dead publisher got.
     pub fn set_next_tick_after(&self, tick: u64) {
         self.waker.set_next_tick_after(tick);
     }
@@ -168,8 +171,9 @@ impl<M: Message> Publisher<M> {
         self.port.deliver_history()
     }
 
-    /// Adds `count` to the number of messages sent. It is used with
-    /// [`unconsumed`](Self::unconsumed) for flow control with a single subscriber.
+    /// Adds `count` to the number of messages sent.
+    ///
+    /// Used with [`unconsumed`](Self::unconsumed) for flow control with a single subscriber.
     pub fn add_sent(&self, count: u64) {
         self.waker.add_sent(count);
     }
@@ -199,9 +203,9 @@ pub struct Subscriber<M: Message> {
     observed: Cell<u32>,
     /// Number of published messages that have been read.
     read: Cell<u64>,
-    /// Number of times that all messages have been read.
+    /// Number of times that a drain has read all messages.
     drains: Cell<u32>,
-    /// Value of the wake word when all messages had been read.
+    /// Value of the wake word at the last drain that read all messages.
     drained_at: Cell<u32>,
     payload_type: PhantomData<M>,
 }
@@ -239,7 +243,8 @@ impl<M: Message> Subscriber<M> {
         self.observed.set(wake_count);
         let published = self.waker.published();
         let drains = self.drains.get();
-        // A publisher that is not part of the system wakes without counting.
+        // A publisher that is not part of the system wakes the subscribers without counting its
+        // messages.
         let is_uncounted_wake = published == self.read.get() && wake_count != self.drained_at.get();
         let is_full = is_uncounted_wake || drains < FULL_DRAINS_AT_START || drains.is_multiple_of(FULL_DRAIN_INTERVAL);
         let unread = if is_full { u64::MAX } else { published.wrapping_sub(self.read.get()) };
@@ -269,7 +274,8 @@ impl<M: Message> Subscriber<M> {
         self.waker.unconsumed()
     }
 
-    /// Adds `count` to the number of messages consumed, which the publisher may wait for.
+    /// Adds `count` to the number of consumed messages. The publisher may wait for this number to
+    /// rise.
     pub fn add_consumed(&self, count: u64) {
         self.waker.add_consumed(count);
     }

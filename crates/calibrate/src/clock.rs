@@ -1,11 +1,11 @@
 //! Delay of the magnetometer relative to the gyro, from back-and-forth turns. In the sensor axes, a
-//! constant field rotates as measured by the gyro, but with the magnetometer's delay.
+//! constant magnetic field rotates as measured by the gyro, but with the magnetometer's delay.
 //!
-//! The model is dm/dt = −ω × m for the field m in sensor axes and the rate ω. The field read at
-//! time t belongs to time t − τ, where τ is the delay. Over a quarter of a second, from t₁ to t₂,
-//! this becomes m(t₂) − b = A(τ) (m(t₁) − b). Here A(τ) is the rotation measured by the gyro from
-//! t₁ − τ to t₂ − τ, and b is the residual hard iron. τ, b and the gyro bias are fitted by least
-//! squares with Huber weights. Only changes of the rate determine τ; a steady turn does not.
+//! The model is dm/dt = −ω × m for the magnetic field m in sensor axes and the rate ω. The field
+//! read at time t belongs to time t − τ, where τ is the delay. Over a quarter of a second, from t₁
+//! to t₂, this becomes m(t₂) − b = A(τ) (m(t₁) − b). Here A(τ) is the rotation measured by the gyro
+//! from t₁ − τ to t₂ − τ, and b is the residual hard iron. τ, b and the gyro bias are fitted by
+//! least squares with Huber weights. Only changes of the rate determine τ; a steady turn does not.
 
 use attitude::{Vector3, calibration::Calibration};
 use nalgebra::{SVector, UnitQuaternion};
@@ -19,10 +19,10 @@ use crate::{
 
 /// Length of a window, ns.
 const WINDOW_NS: i64 = 250_000_000;
-/// Minimum interval between the field samples that are kept, ns. Each of these samples can start a
-/// window.
+/// Minimum interval between the magnetometer samples that are kept, ns. Each of these samples can
+/// start a window.
 const MIN_INTERVAL_NS: i64 = 25_000_000;
-/// Maximum number of field samples kept.
+/// Maximum number of magnetometer samples kept.
 const MAX_SAMPLES: usize = 80_000;
 /// Rate change across a window above which the window is informative, rad/s.
 const MIN_RATE_CHANGE_RAD_S: f64 = 0.5;
@@ -40,7 +40,7 @@ const DERIVATIVE_STEP_S: f64 = 5e-4;
 const MAX_DELAY_S: f64 = 0.2;
 /// Maximum standard deviation of an accepted delay, s.
 const MAX_SD_S: f64 = 0.002;
-/// Maximum ratio of the RMS residual to the RMS field change across a window.
+/// Maximum ratio of the RMS residual to the RMS change of the magnetic field across a window.
 const MAX_UNEXPLAINED_SHARE: f64 = 0.5;
 /// Range of the fuser setting `magnetometer_delay_s`, s.
 const SUPPORTED_DELAY_S: std::ops::RangeInclusive<f64> = -0.01..=0.04;
@@ -59,7 +59,7 @@ pub struct ClockCalibrator {
     informative_s: f64,
 }
 
-/// Field sample: time, ns, and field, µT.
+/// Magnetometer sample: time, ns, and magnetic field, µT, sensor axes.
 type FieldSample = (i64, Vector3<f64>);
 
 /// Delay, s; hard iron, µT (3); gyro bias, rad/s (3).
@@ -91,8 +91,8 @@ impl ClockCalibrator {
         self.fields.push((sample.t_ns, field_ut));
         match self.window {
             Some((start_ns, start_rate_rad_s)) if sample.t_ns - start_ns >= WINDOW_NS => {
-                // Only the change perpendicular to the field counts, because a rotation about the
-                // field is not observable.
+                // Only the change perpendicular to the magnetic field counts, because a rotation
+                // about the field is not observable.
                 let change = (rate_rad_s - start_rate_rad_s).cross(&field_ut.normalize()).norm();
                 let is_contiguous = sample.t_ns - start_ns <= 2 * WINDOW_NS;
                 if is_contiguous && change > MIN_RATE_CHANGE_RAD_S {
@@ -174,7 +174,7 @@ impl ClockCalibrator {
         })
     }
 
-    /// Returns the root mean square change of the field across a window, µT per axis.
+    /// Returns the root mean square change of the magnetic field across a window, µT per axis.
     fn field_change_ut(&self) -> f64 {
         let mut sum = 0.0;
         let pairs = self.windows().inspect(|((_, first_ut), (_, last_ut))| sum += (last_ut - first_ut).norm_squared());
@@ -182,7 +182,7 @@ impl ClockCalibrator {
         (sum / (3 * count.max(1)) as f64).sqrt()
     }
 
-    /// Returns the field at the start and at the end of each window.
+    /// Returns the magnetometer samples at the start and at the end of each window.
     fn windows(&self) -> impl Iterator<Item = (&FieldSample, &FieldSample)> {
         let mut last = 0;
         self.fields.iter().map_while(move |first| {

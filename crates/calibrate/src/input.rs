@@ -17,8 +17,9 @@ pub(crate) struct Intake {
 }
 
 impl Intake {
-    /// Returns the sample without a field that is not finite. Returns `None` if its rate or force
-    /// is not finite or its time does not increase.
+    /// Returns the sample, without its magnetic field if the field is not finite.
+    ///
+    /// Returns `None` if the rate or force is not finite or the time does not increase.
     pub(crate) fn accept(&mut self, sample: &Sample) -> Option<Sample> {
         let is_valid = sample.rate_rad_s.iter().chain(&sample.force_m_s2).all(|part| part.is_finite())
             && sample.t_ns.unsigned_abs() <= MAX_T_NS

@@ -14,7 +14,7 @@
 //! | --- | --- |
 //! | [`gyro`] | bias, from rests |
 //! | [`accel`] | bias, scale and misalignment, from rests in many positions or slow rotation |
-//! | [`mag`] | hard and soft iron, from the field in all directions |
+//! | [`mag`] | hard and soft iron, from the magnetic field in all directions |
 //! | [`mounting`] | orientation of the unit in the body, from a level and a nose-down pose |
 //! | [`clock`] | delay of the magnetometer relative to the gyro, from back-and-forth turns |
 //! | [`noise`] | Allan deviations and noise of gyro and accelerometer, from a long rest |
@@ -113,7 +113,7 @@ impl Calibrator {
         }
     }
 
-    /// Returns the latest force or field vector in sensor axes, not normalised.
+    /// Returns the latest specific force, m/s², or magnetic field, µT, in sensor axes.
     ///
     /// The result is `None` if the calibration does not depend on directions or there is no
     /// reading.

@@ -1,5 +1,5 @@
-//! Magnetometer hard and soft iron, from a field of constant strength. The unit is turned in one
-//! place, so that the magnetometer measures the field from all directions.
+//! Magnetometer hard and soft iron, from a magnetic field of constant strength. The unit is turned
+//! in one place, so that the magnetometer measures the field from all directions.
 //!
 //! The model is |M (m − b)| = F for every sample m, with the hard iron b, the soft-iron correction
 //! M and the field strength F. Every direction has about the same weight, however long the unit
@@ -26,8 +26,8 @@ const MAX_SAMPLES: usize = 60_000;
 const MIN_INTERVAL_NS: i64 = 40_000_000;
 /// Minimum number of covered sectors, out of 24.
 const MIN_SECTORS: usize = 20;
-/// Minimum half range of the field on an axis, µT. A larger half range shows that the earth's field
-/// (22 to 67 µT) has pointed along both directions of the axis.
+/// Minimum half range of the magnetic field on an axis, µT. A larger half range shows that the
+/// earth's field (22 to 67 µT) has pointed along both directions of the axis.
 const MIN_HALF_RANGE_UT: f64 = 12.0;
 /// Time over which the errors of successive samples are correlated, ns.
 const CORRELATION_NS: i64 = 1_000_000_000;
@@ -35,7 +35,7 @@ const CORRELATION_NS: i64 = 1_000_000_000;
 const HUBER_THRESHOLD: f64 = 2.0;
 /// Maximum number of Gauss-Newton steps.
 const MAX_STEPS: usize = 30;
-/// Maximum standard deviation of an accepted hard-iron offset, as a fraction of the field.
+/// Maximum standard deviation of an accepted hard-iron offset, as a fraction of the field strength.
 const MAX_HARD_IRON_SD: f64 = 0.03;
 /// Maximum standard deviation of an accepted soft-iron element.
 const MAX_SOFT_IRON_SD: f64 = 0.03;
@@ -79,7 +79,7 @@ impl MagCalibrator {
             return;
         }
         if self.samples.len() == MAX_SAMPLES {
-            // Keep every second sample.
+            // Keeps every second sample.
             let mut count = 0;
             self.samples.retain(|_| {
                 count += 1;
@@ -114,7 +114,8 @@ impl MagCalibrator {
         Sphere::from_directions(&self.samples.iter().map(|(_, field_ut)| field_ut - centre_ut).collect::<Vec<_>>())
     }
 
-    /// Returns, for each axis, `true` if the field has pointed along both of its directions.
+    /// Returns, for each axis, `true` if the magnetic field has pointed along both of its
+    /// directions.
     fn is_excited(&self) -> [bool; 3] {
         let half_ut = (self.max_ut - self.min_ut) * 0.5;
         std::array::from_fn(|axis| half_ut[axis] >= MIN_HALF_RANGE_UT)
@@ -163,7 +164,7 @@ impl MagCalibrator {
             Rejection::unreliable(Kind::Mag, coverage.clone(), missing)
         };
         let fit = self.fit().ok_or_else(|| unreliable(&before))?;
-        // Check the coverage again, this time about the estimated centre.
+        // Checks the coverage again, this time about the estimated centre.
         let directions: Vec<_> = self.samples.iter().map(|(_, field_ut)| fit.corrected(field_ut)).collect();
         let coverage = self.assess(&Sphere::from_directions(&directions), [true; 3]);
         if coverage.share < 1.0 {

@@ -170,9 +170,11 @@ fn is_pair(level: &Rest, nose_down: &Rest) -> bool {
     (min..=max).contains(&degrees_between(&level.force_m_s2(), &nose_down.force_m_s2()))
 }
 
-/// Returns `true` for a pair unless only the later pose has an axis of the unit near the vertical.
-/// Most units are mounted with such an axis, so the readings probably begin with a nose-down pose,
-/// and the later pose is the level one.
+/// Returns `false` if the poses are no pair, or if only the later pose has an axis of the unit near
+/// the vertical.
+///
+/// Most units are mounted with such an axis in the level pose. If only the later pose has one, the
+/// earlier pose is probably nose-down, and the later pose is the level one.
 fn is_upright_pair(level: &Rest, nose_down: &Rest) -> bool {
     let is_reversed = axis_angle_deg(level) > MAX_LEVEL_AXIS_DEG && axis_angle_deg(nose_down) < MAX_NAMED_ANGLE_DEG;
     is_pair(level, nose_down) && !is_reversed
@@ -184,7 +186,7 @@ fn axis_angle_deg(rest: &Rest) -> f64 {
     up.amax().min(1.0).acos().to_degrees()
 }
 
-/// Returns the share of the required duration for which a pose has been held.
+/// Returns the fraction of the required duration for which a pose has been held.
 fn held_share(rest: &Rest) -> f64 {
     (rest.duration_s() / MIN_POSE_S).min(1.0)
 }

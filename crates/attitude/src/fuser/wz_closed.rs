@@ -19,7 +19,7 @@ use crate::{
     state::{Attitude, wrapped_rad},
 };
 
-/// Fuser stage `wz-closed`.
+/// Fuser stage `wz-closed`: first-order closed loop with the accelerometer's point.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct WzClosed {
     attitude: Attitude,

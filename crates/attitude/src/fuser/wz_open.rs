@@ -22,7 +22,7 @@ use crate::{
     state::{Attitude, wrapped_rad},
 };
 
-/// Fuser stage `wz-open`.
+/// Fuser stage `wz-open`: high-pass filtered gyro plus low-pass filtered accelerometer.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct WzOpen {
     /// Last attitude of the gyro slot.
@@ -57,8 +57,8 @@ impl WzOpen {
         self.follow_chart(motion.attitude);
     }
 
-    /// Adopts the gyro's attitude and converts the offset if its chart has changed. The fused point
-    /// stays unchanged.
+    /// Adopts the gyro's attitude and converts the offset if the gyro's chart has changed. The
+    /// fused point stays unchanged.
     fn follow_chart(&mut self, gyro: Attitude) {
         if gyro.up.chart != self.gyro_attitude.up.chart {
             let fused = Point { w: self.gyro_attitude.up.w + self.w_offset, chart: self.gyro_attitude.up.chart };

@@ -7,8 +7,8 @@
 //! Time: the interval of each tick, ns. Only differences are used.
 //!
 //! Failure: missing ticks are bridged with the mean of the adjacent rates, up to
-//! [`MAX_BRIDGED_GAP_S`]. Over a longer gap the attitude is held. A stage is reset for an invalid
-//! output. If the output after the reset is also invalid, the stage has failed.
+//! [`MAX_BRIDGED_GAP_S`]. Over a longer gap the attitude is held. A stage whose output is invalid
+//! is reset. If the output after the reset is also invalid, the stage has failed.
 
 use super::{GyroStage, MAX_BRIDGED_GAP_S, Motion, RateKind, RateSample};
 use crate::{

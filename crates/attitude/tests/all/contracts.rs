@@ -38,7 +38,7 @@ fn angle_deg(one: Attitude, other: Attitude) -> f64 {
     (2.0 * e.imag().norm().atan2(e.w.abs())).to_degrees()
 }
 
-/// Returns the fuser inputs of scenario S3, with the field at every third tick.
+/// Returns the fuser inputs of scenario S3, with the magnetic field at every third tick.
 fn s3() -> Vec<FuserInput> {
     let (mut gyro, mut accel, mut before_s) =
         (Gyro::from_name("mobius-coning").unwrap(), Accelerometer::default(), 0.0);

@@ -17,7 +17,8 @@ pub(super) const TYPES: usize = 3;
 /// Coefficients N², B² and K² of the noise types.
 pub(super) type Coefficients = [f64; TYPES];
 
-/// Minimum number of intervals τ in the rests for which the Allan variance at τ is computed.
+/// Minimum total duration of the rests longer than 2 τ, in multiples of τ. Below it, the Allan
+/// variance at τ is not computed.
 const MIN_INTERVALS: f64 = 4.0;
 /// Number of steps per interval τ in an integral over lags.
 const STEPS: f64 = 8.0;

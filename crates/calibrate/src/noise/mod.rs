@@ -53,10 +53,10 @@ const MIN_SIGNIFICANCE: f64 = 2.0;
 /// Distance of an upper limit from the estimate, in standard deviations. It corresponds to 95 % of
 /// a normal distribution.
 const UPPER_LIMIT: f64 = 1.645;
-/// Number of iterations in which an upper limit is computed.
+/// Number of iterations for computing an upper limit.
 const LIMIT_REPETITIONS: usize = 3;
-/// Maximum number of times that the recording is doubled to find a duration that determines a
-/// coefficient.
+/// Maximum number of times that the duration of the recording is doubled. The search ends when the
+/// duration determines a coefficient.
 const MAX_DOUBLINGS: u32 = 6;
 /// Limit for the misfit of the model: the difference between χ² and its mean, in standard
 /// deviations of χ². Above the limit, the model does not describe the deviations.
@@ -222,7 +222,7 @@ fn list_motions(motions: &[Motion]) -> Vec<String> {
     listed.chain(more).collect()
 }
 
-/// Returns notes on the motions and the rests that are used instead.
+/// Returns notes on the motions found and on the rests that are used.
 fn motion_notes(motions: &[Motion], spans: &[RestSpan]) -> Vec<String> {
     if motions.is_empty() {
         return Vec::new();
@@ -247,7 +247,7 @@ fn timing_notes(timing: &Timing) -> Vec<String> {
     gaps.into_iter().chain(irregular).collect()
 }
 
-/// Signals at rest.
+/// Rests of a recording, with the intervals τ of the fit.
 struct Series<'a> {
     rows: &'a [Row],
     rests: &'a [Rest],

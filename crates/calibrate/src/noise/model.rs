@@ -95,7 +95,7 @@ struct Equations {
 }
 
 impl Equations {
-    /// Returns `None` if the covariance matrix is not positive definite.
+    /// Sets up the equations. Returns `None` if the covariance matrix is not positive definite.
     fn new(taus_s: &[f64], variances: &[f64], covariances: &Covariances, coefficients: &Coefficients) -> Option<Self> {
         let factor = cholesky(covariances.matrix(coefficients))?;
         let contributions: Vec<_> = taus_s.iter().map(|tau_s| contributions(*tau_s)).collect();

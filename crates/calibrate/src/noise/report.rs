@@ -76,7 +76,7 @@ pub enum Estimate {
     Determined {
         /// Value.
         value: f64,
-        /// Ends of the confidence interval.
+        /// Lower and upper end of the confidence interval.
         interval: [f64; 2],
     },
     /// The recording is too short to determine the coefficient.
@@ -96,10 +96,11 @@ pub struct AllanPoint {
     pub tau_s: f64,
     /// Allan deviation.
     pub deviation: f64,
-    /// Ends of the confidence interval of the deviation; `None` if the interval is not part of the
-    /// fit.
+    /// Lower and upper end of the confidence interval of the deviation.
+    ///
+    /// `None` if the interval τ is not part of the fit.
     pub interval: Option<[f64; 2]>,
-    /// Allan deviation of the fitted model; `None` if the interval is not part of the fit.
+    /// Allan deviation of the fitted model; `None` if the interval τ is not part of the fit.
     pub model: Option<f64>,
 }
 

@@ -101,7 +101,7 @@ pub(super) struct Timing {
 }
 
 impl Timing {
-    /// Returns `None` if there are fewer than two readings.
+    /// Evaluates the times of the readings. Returns `None` if there are fewer than two readings.
     pub(super) fn new(rows: &[Row]) -> Option<Self> {
         let intervals_s: Vec<f64> = rows.windows(2).map(|pair| seconds(&pair[0], &pair[1])).collect();
         let median_s = percentile(intervals_s.clone(), 50)?;
@@ -222,8 +222,8 @@ impl AxisLimits {
     }
 }
 
-/// Groups the readings into blocks of equal number. Readings at the end of a part without gaps that
-/// do not fill a block are not used.
+/// Groups the readings into blocks of equal number. The last readings before a gap are not used if
+/// they do not fill a block.
 fn blocks(rows: &[Row], median_s: f64) -> Vec<Block> {
     let (count, gap_s) = (block_count(median_s), min_gap_s(median_s));
     let mut blocks: Vec<Block> = Vec::new();

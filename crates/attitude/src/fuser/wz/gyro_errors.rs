@@ -114,14 +114,19 @@ const MOVING_VELOCITY_INNOVATION_SD_S: f64 = 0.3;
 /// resulting velocity does not persist.
 const FORCE_CORRELATION: (f64, f64) = (1.0, 4.0);
 /// Lower and upper limit for the number of successive velocity innovations that count as one
-/// independent innovation. It is large because a velocity keeps its direction for seconds.
+/// independent innovation. The number is large because a velocity keeps its direction for seconds.
 const VELOCITY_CORRELATION: (f64, f64) = (10.0, 20.0);
 
-/// Largest square of a drift that is expected, in variances of drift and bias.
+/// Largest squared heading drift that is consistent with its uncertainty.
+///
+/// The unit is the sum of the variances of drift and bias. After a larger drift, the bias about the
+/// vertical counts as unknown.
 const MAX_DRIFT2: f64 = 9.0;
-/// Largest variance of a drift that is used, as a fraction of the variance of the bias about the
-/// vertical. A drift known as well as the bias contains no new information: the bias may have been
-/// derived from it.
+/// Largest variance of a heading drift that is used as a measurement of the bias.
+///
+/// The limit is a fraction of the variance of the bias about the vertical. A drift that is no
+/// better known than the bias contains no new information, because the bias may have been derived
+/// from that drift.
 const MAX_DRIFT_VARIANCE_FRACTION: f64 = 0.25;
 
 /// Number of states.
@@ -773,17 +778,18 @@ impl GyroErrorFilter {
         gain * (innovation * scale)
     }
 
-    /// Returns `true` if the prior of the bias was wide.
+    /// Returns `true` if the filter started with a bias less certain than that of a calibrated
+    /// gyro.
     pub(super) fn has_wide_prior(&self) -> bool {
         self.max_bias_sd_rad_s > MAX_BIAS_SD_RAD_S
     }
 
-    /// Applies the drift of the heading as a measurement of the bias error about the vertical. `up`
-    /// is the vertical in body axes.
+    /// Applies the drift of the heading as a measurement of the bias error about the vertical.
     ///
-    /// Returns the change of the bias about the vertical, rad/s, and the error of the loop, or
-    /// `None` if the drift is not much better known than the bias. If the drift is far outside its
-    /// standard deviations, the bias about the vertical counts as unknown.
+    /// `up` is the vertical in body axes. Returns the change of the bias about the vertical, rad/s,
+    /// and the error of the loop. Returns `None` if the drift is not much better known than the
+    /// bias. If the drift is far outside its standard deviations, the bias about the vertical
+    /// counts as unknown.
     pub(super) fn observe_vertical_bias(&mut self, up: Vector3<f64>, drift: &Drift) -> Option<(f64, LoopError)> {
         let Drift { rate_rad_s, variance_rad2_s2 } = *drift;
         let bias_sd_rad_s = self.bias_sd_about(up);

@@ -5,8 +5,8 @@
 //! is therefore low-pass filtered without any gating. This is done in a horizontal frame, in which
 //! gravity is constant. Per tick:
 //!
-//! 1. w is stepped exactly by the rate, from which gyro bias and scale error have been removed. At
-//!    the same time the level is tilted by κ dt (`Level`).
+//! 1. w is propagated exactly with the rate, from which gyro bias and scale error have been
+//!    removed. At the same time the level is tilted by κ dt (`Level`).
 //! 2. The horizontal part h of the force updates the leaky velocity V, with V' = h − V/T1. The tilt
 //!    rate is κ = V/(g T1 T2).
 //!
@@ -71,7 +71,7 @@ use {
 /// longer interval is unpredictable.
 const MAX_INTEGRATION_INTERVAL_S: f64 = 0.1;
 
-/// Fuser stage `wz`.
+/// Fuser stage `wz`: levelled second-order low-pass with estimated gyro errors.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Wz {
     settings: Settings,
@@ -136,7 +136,8 @@ impl Wz {
 
     /// Returns the standard deviation of the heading, rad, before the allowances of `reported_sd`.
     ///
-    /// The magnetic field shows the effect of a suspected bias about as late as the force does.
+    /// The magnetic field shows the effect of a suspected bias about as late as the force does,
+    /// after T2.
     fn heading_sd_rad(&self) -> f64 {
         let suspected_rad_s = self.wide_bias.suspected_rad_s();
         if suspected_rad_s == 0.0 {
@@ -212,8 +213,10 @@ impl Wz {
         self.level.apply_correction(error)
     }
 
-    /// Corrects the bias about the vertical by the drift of the gyro heading, if only the movement
-    /// has shown the bias. The force does not show this component. Returns the error of the loop.
+    /// Corrects the bias about the vertical with the drift of the gyro heading.
+    ///
+    /// The force does not show this component of the bias. The correction applies only to a bias
+    /// that was found in motion. Returns the error of the loop.
     fn observe_vertical_bias(&mut self) -> LoopError {
         if !self.gyro_errors.has_wide_prior() || self.wide_bias.is_bias_known() {
             return LoopError::default();

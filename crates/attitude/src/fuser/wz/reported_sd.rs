@@ -19,7 +19,7 @@ const INCLINATION_SD_PER_RATE_S: f64 = 1.5e-3;
 /// Smallest standard deviation of a heading, rad (0.4°).
 const HEADING_SD_FLOOR_RAD: f64 = 6.981_317e-3;
 /// Fraction of the filter's heading standard deviation that is reported. It is below 1 because the
-/// filter allows for stronger local fields than most places have.
+/// filter allows for stronger local magnetic fields than most places have.
 const HEADING_SD_FACTOR: f64 = 0.9;
 
 /// Returns the standard deviation of the inclination about each horizontal axis, rad.

@@ -41,17 +41,20 @@ const UNKNOWN_BIAS_SD_RAD_S: f64 = 0.1;
 /// Standard deviation of the change of a known bias in the second filter, rad/s. A temperature
 /// shock changes the bias by up to a few °/s.
 const CHANGED_BIAS_SD_RAD_S: f64 = 0.05;
-/// Squared distance between the biases of the two filters above which they count as different, in
-/// squared standard deviations of the second filter, while the bias is unknown. If the errors of
-/// the three components were normally distributed, a value of 80 would practically never be
-/// exceeded. The margin allows for accelerations that are not normally distributed.
+/// Squared distance between the biases of the two filters above which they count as different.
+///
+/// The unit is the squared standard deviation of the second filter. The value applies while the
+/// bias is unknown. If the errors of the three components were normally distributed, a value of 80
+/// would practically never be exceeded. The margin allows for accelerations that are not normally
+/// distributed.
 const MIN_DISTANCE2: f64 = 80.0;
-/// [`MIN_DISTANCE2`] after a rest or a hand-over has shown the bias. A known bias changes rarely.
-/// In the test sets, the distance then stays below 40.
+/// Value of [`MIN_DISTANCE2`] after a rest or a hand-over has shown the bias. A known bias changes
+/// rarely. In the test sets, the distance then stays below 40.
 const MIN_DISTANCE2_FROM_KNOWN: f64 = 160.0;
-/// Squared distance between the biases of the two filters above which their difference is reported
-/// as an uncertainty of the level, in the unit of [`MIN_DISTANCE2`]. If the errors of the three
-/// components are normally distributed, 0.1 % of the distances exceed this value.
+/// Squared distance between the biases above which their difference adds to the level uncertainty.
+///
+/// The unit is that of [`MIN_DISTANCE2`]. If the errors of the three components are normally
+/// distributed, 0.1 % of the distances exceed this value.
 const SUSPECTED_DISTANCE2: f64 = 16.0;
 /// Time for which the biases of the two filters must differ, s.
 const MIN_APART_S: f64 = 2.0 - 1e-6;

@@ -20,7 +20,7 @@ const MAX_SHEAR: f64 = 0.001;
 /// Standard deviation of the magnetometer noise on each axis, µT.
 const NOISE_UT: f64 = 0.4;
 
-/// Returns the rows of the trial `movement`, in the field of the trial `place`.
+/// Returns the rows of the trial `movement`, in the magnetic field of the trial `place`.
 pub(crate) fn crossed_rows(movement: &Trial, place: &Trial, seed: u64) -> Vec<Row> {
     let number = |trial: &Trial| trial.number().parse::<u64>().unwrap();
     let mut rng = Rng::from_seed(seed.wrapping_mul(0x10_0000) + number(movement) * 0x400 + number(place));

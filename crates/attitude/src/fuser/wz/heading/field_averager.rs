@@ -1,10 +1,11 @@
 //! Averages the magnetic field over 0.2 s in the reference frame of the gyro heading.
 //!
-//! Samples of the field m are collected over windows of about 20 ms, in which a body rotates
-//! little: at 10 rad/s the mean of a rotating field is 0.2 % too short. The mean of a window refers
-//! to a time that precedes the end of the window by the magnetometer delay plus the mean age of the
-//! samples. The attitude is rotated back to that time, which gives R' (body axes to reference
-//! axes). Each interval yields the means of R'm, of R' and of Ω = R'ω, where ω is the rate.
+//! Samples of the magnetic field m are collected over windows of about 20 ms, in which a body
+//! rotates little: at 10 rad/s the mean of a rotating field is 0.2 % too short. The mean of a
+//! window refers to a time that precedes the end of the window by the magnetometer delay plus the
+//! mean age of the samples. The attitude is rotated back to that time, which gives R' (body axes to
+//! reference axes). Each interval yields the means of R'm, of R' and of Ω = R'ω, where ω is the
+//! rate.
 
 use crate::{Complex, Vector3, rotation::Rotation, scalars::scalars, state::BodyAxes};
 
@@ -20,7 +21,7 @@ const INTERVAL_S: f64 = 0.1999;
 const MAX_RATE_RAD_S: f64 = 100.0;
 /// Limit to which the horizontal force is clamped, m/s².
 const MAX_FORCE_M_S2: f64 = 1000.0;
-/// Duration after which an interval ends even if it contains no field sample, s.
+/// Duration after which an interval ends even if it contains no magnetic field sample, s.
 const MAX_FIELD_GAP_S: f64 = 1.0;
 
 /// Means over an interval.
@@ -30,7 +31,7 @@ pub(super) struct IntervalMeans {
     /// Time without an observed rotation, s. It may exceed `duration_s`, because a tick without a
     /// motion has a zero interval.
     pub(super) gyro_outage_s: f64,
-    /// Number of windows with a field sample. If it is zero, the means below are zero.
+    /// Number of windows with a magnetic field sample. If it is zero, the means below are zero.
     pub(super) windows: f64,
     /// R'm, µT, reference axes.
     pub(super) field_ut: [f64; 3],
@@ -57,11 +58,11 @@ pub(super) struct IntervalMeans {
 /// Accumulator of samples for the means of an interval.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct FieldAverager {
-    /// Sum of the field samples in the current window, µT.
+    /// Sum of the magnetic field samples in the current window, µT.
     field_sum_ut: Vector3<f64>,
-    /// Sum of the ages of the field samples in the current window, s.
+    /// Sum of the ages of the magnetic field samples in the current window, s.
     age_sum_s: f64,
-    /// Number of field samples in the current window.
+    /// Number of magnetic field samples in the current window.
     samples: f64,
     /// Rotation in the current window, rad.
     rotation_rad: Vector3<f64>,

@@ -63,8 +63,8 @@ pub(super) const KAPPA: usize = 11;
 /// Index of p, the horizontal field at the last rest site.
 const SITE: usize = 14;
 
-/// Standard deviation of an unknown ambient field, µT. It is close to the strength of the strongest
-/// field on Earth.
+/// Standard deviation of an unknown ambient magnetic field, µT. It is close to the strongest field
+/// on Earth.
 const FIELD_SD_UT: f64 = 60.0;
 /// Initial standard deviation of the drift rate, rad/s: that of the gyro bias in the level filter.
 /// The random walk does not increase it beyond about this value.
@@ -91,7 +91,7 @@ const SCALE_SD: f64 = 0.003;
 const SCALE_WALK: f64 = 1e-5;
 /// Random walk of the gyro heading, rad/√s.
 const HEADING_WALK_RAD: f64 = 2e-4;
-/// Increase of the gyro heading's random walk per unit of rate, √s.
+/// Additional random walk of the gyro heading per unit of rate, √s.
 const HEADING_WALK_PER_RATE: f64 = 6e-4;
 /// Random walk of the ambient field, µT/√s.
 const FIELD_WALK_UT: f64 = 0.01;
@@ -110,7 +110,7 @@ const ACCELERATION_THRESHOLD_M_S2: f64 = 0.3;
 /// Noise of the comparison with the last rest site on each axis, µT.
 const REVISIT_SD_UT: f64 = 0.2;
 /// Gate for the normalised innovation squared when the field is compared with the last rest site.
-/// It is tight because the field at another site may be similar.
+/// It is tight because the magnetic field at another site may be similar.
 const REVISIT_GATE: f64 = 4.0;
 /// Lower limit of the magnetometer delay, s.
 const MIN_DELAY_S: f64 = -0.01;
@@ -271,8 +271,8 @@ impl FieldFilter {
         self.p[i][i] = sd * sd;
     }
 
-    /// Sets the field so that the present heading is kept. `sd_rad` becomes the standard deviation
-    /// of the heading.
+    /// Sets the ambient magnetic field such that the present heading is kept. `sd_rad` becomes the
+    /// standard deviation of the heading.
     ///
     /// The local disturbance adds to the uncertainty. The strength of the field is taken from the
     /// sample, but its variance is left unchanged.
@@ -287,7 +287,8 @@ impl FieldFilter {
         Drift { rate_rad_s: self.x[BETA], variance_rad2_s2: self.p[BETA][BETA] }
     }
 
-    /// Adds a variance to the gyro heading, which rotates e and p.
+    /// Adds a variance to the gyro heading. The ambient field e and the rest-site field p rotate
+    /// with it.
     pub(super) fn add_heading_variance(&mut self, variance_rad2: f64) {
         let derivative = [(E, -self.x[E + 1]), (E + 1, self.x[E]), (SITE, -self.x[SITE + 1]), (SITE + 1, self.x[SITE])];
         for (i, by_i) in derivative {
@@ -339,7 +340,7 @@ impl FieldFilter {
         }
     }
 
-    /// Makes the direction of the horizontal field unknown.
+    /// Makes the direction of the horizontal magnetic field unknown.
     ///
     /// The standard deviation of both components is set to the strength of the field, so that a
     /// field from any direction passes the gate.
@@ -349,7 +350,8 @@ impl FieldFilter {
         self.p[E + 1][E + 1] += horizontal2;
     }
 
-    /// Returns the angle that rotates the horizontal field to north, rad, and its variance.
+    /// Returns the angle that rotates the horizontal magnetic field to north, rad, and its
+    /// variance.
     pub(super) fn heading_correction(&self) -> (f64, f64) {
         let (x, y) = (self.x[E], self.x[E + 1]);
         let across = self.p[0][0] * y * y - 2.0 * self.p[0][1] * x * y + self.p[1][1] * x * x;
@@ -394,7 +396,7 @@ impl FieldFilter {
         }
     }
 
-    /// Rotates e and p by βT + Σ κψ.
+    /// Rotates the ambient field e and the rest-site field p by the drift βT + Σ κψ.
     fn propagate_drift(&mut self, propagation: &Propagation) {
         let Propagation { duration_s: t_s, vertical_rotation_rad: [psi_x, psi_y, psi_z], .. } = *propagation;
         let drift = |v: &[f64]| t_s * v[BETA] + psi_x * v[KAPPA] + psi_y * v[KAPPA + 1] + psi_z * v[KAPPA + 2];
@@ -434,8 +436,8 @@ impl FieldFilter {
         }
     }
 
-    /// Updates the state with the mean field of an interval. `variance_ut2` is the variance of the
-    /// field on each axis.
+    /// Updates the state with the mean magnetic field of an interval. `variance_ut2` is the
+    /// variance of the field on each axis.
     ///
     /// The measurement is used only if the innovation passes the gate.
     pub(super) fn measure(

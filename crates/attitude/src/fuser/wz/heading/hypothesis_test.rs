@@ -1,4 +1,4 @@
-//! Runs three hypotheses about the same field and selects the one that gives the heading.
+//! Runs three hypotheses about the same magnetic field and selects the one that gives the heading.
 //!
 //! | | hypothesis | start |
 //! | --- | --- | --- |
@@ -16,7 +16,7 @@
 //! others, explains a little of both. The sum does not fall below zero.
 //!
 //! A fourth possibility is that M relies on a field that is not the earth's: the body has started
-//! beside iron or a magnet. M restarts with another field if that field has been steady for longer
+//! near iron or a magnet. M restarts with another field if that field has been steady for longer
 //! than M has used its own field (`new_field`). Both times are counted only while the body turns.
 //!
 //! B replaces M when it leads both others by the margin, its hard iron differs from that of M, and
@@ -53,26 +53,30 @@ const MIN_CHALLENGE_TURN_RAD: f64 = 2.0;
 const ALLOWANCE_PER_S: f64 = 5.5;
 /// Rate above which the body counts as turning, rad/s.
 const MIN_TURN_RATE_RAD_S: f64 = 0.3;
-/// Time outside the gate after which a challenger has failed, s.
+/// Time for which B must reject the magnetic field for the challenge to fail, s.
 const CHALLENGER_REJECTION_TIMEOUT_S: f64 = 0.2;
 /// Duration of a challenge after which it restarts, s.
 const CHALLENGE_TIMEOUT_S: f64 = 50.0;
-/// Time for which a different field must be steady to replace a well supported one, s. It is also
-/// the time for which the field must be rejected before all states that depend on it are reset. The
-/// rejection is counted only while the body turns or the main filter is on probation.
+/// Time for which a different magnetic field must be steady to replace a well supported one, s. It
+/// is also the time for which the field must be rejected before all states that depend on it are
+/// reset. The rejection is counted only while the body turns or the main filter is on probation.
 const REJECTION_TIMEOUT_S: f64 = 60.0;
-/// Time of use after which the field of M counts as well supported, s. Like the times below, it is
-/// counted only while the body turns.
+/// Time of use after which the magnetic field of M counts as well supported, s. Like the times
+/// below, it is counted only while the body turns.
 const WELL_SUPPORTED_S: f64 = 20.0;
-/// Shortest time for which another field must be steady to replace that of M, s. Hypothesis B needs
-/// less time to recognise a field that is fixed to the body.
+/// Shortest time for which another magnetic field must be steady to replace that of M, s.
+/// Hypothesis B needs less time to recognise a field that is fixed to the body.
 const MIN_NEW_FIELD_S: f64 = 10.0;
-/// [`MIN_NEW_FIELD_S`] for a main filter on probation, s. A magnet passes in less time.
+/// Value of [`MIN_NEW_FIELD_S`] while the main filter is on probation, s. A passing magnet is near
+/// for less time.
 const MIN_NEW_FIELD_ON_PROBATION_S: f64 = 3.0;
-/// Averaging time of the roughness, s.
+/// Averaging time of the roughness, s. The roughness is the mean square of the normalised
+/// innovations.
 const ROUGHNESS_MEMORY_S: f64 = 40.0;
-/// Roughness of an undisturbed indoor field, beyond that of a field with the assumed local
-/// disturbance. It is subtracted before the roughness is used.
+/// Excess of the roughness in an undisturbed indoor magnetic field.
+///
+/// The excess is relative to a field with the assumed local disturbance. It is subtracted before
+/// the roughness is used.
 const REGULAR_ROUGHNESS: f64 = 1.0;
 /// Limits of the factor by which the roughness changes the reported variance of the heading.
 const MIN_ROUGHNESS: f64 = 0.85;
@@ -82,14 +86,15 @@ const DEGREES_OF_FREEDOM: f64 = 3.0;
 /// Standard deviation of the heading before the body has moved, rad (29°). Iron near a parked
 /// vehicle rotates the field by tens of degrees.
 const UNMOVED_SD_RAD: f64 = 0.5;
-/// Time of use in which the movement confirms the field, s. [`UNMOVED_SD_RAD`] decays with this
-/// time constant.
+/// Time constant with which the use of a magnetic field in motion confirms it, s.
+/// [`UNMOVED_SD_RAD`] decays with this time constant.
 const CONFIRMATION_S: f64 = 3.0;
-/// Time inside the gate that ends the probation of a new main filter, s.
+/// Time for which a new main filter must accept the magnetic field to end its probation, s.
 const PROBATION_S: f64 = 10.0;
-/// Minimum time outside the gate after which an invalidated direction is invalidated once more, s.
-/// The main filter must be on probation and must also have been outside the gate for longer than
-/// inside.
+/// Minimum time of rejection after which the direction of north is invalidated once more, s.
+///
+/// This happens only if the direction was invalidated before and the main filter is on probation.
+/// The main filter must also have rejected the magnetic field for longer than it has accepted it.
 const MIN_PROBATION_REJECTION_S: f64 = 2.0;
 /// Standard deviation of the drift rate once the gyro bias has been observed at rest, rad/s.
 const DRIFT_SD_AT_REST_RAD_S: f64 = 6.5e-4;
@@ -97,7 +102,7 @@ const DRIFT_SD_AT_REST_RAD_S: f64 = 6.5e-4;
 /// Outcome of the hypothesis test for one interval.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct TestOutcome {
-    /// The main filter M used the field.
+    /// The main filter M used the magnetic field.
     pub(super) accepted: bool,
     /// The main filter M was replaced or reset.
     pub(super) replaced: bool,
@@ -125,12 +130,13 @@ pub(super) struct HypothesisTest {
     roughness: f64,
     /// Remaining time for which M uses no field after a strong disturbance, s.
     hold_s: f64,
-    /// Set when the direction is invalidated. Cleared by the first long rejection after that.
+    /// Set when the direction of north is invalidated. Cleared by the first long rejection after
+    /// that.
     direction_invalidated: bool,
 }
 
 impl HypothesisTest {
-    /// Creates the test with a main filter that has not processed a field yet.
+    /// Creates the test with a main filter that has not processed a magnetic field yet.
     pub(super) fn new(main: FieldFilter) -> Self {
         let mut hypothesis_test = Self {
             main,
@@ -153,8 +159,9 @@ impl HypothesisTest {
         hypothesis_test
     }
 
-    /// Processes the first interval, which all hypotheses must use. In B, both field and hard iron
-    /// are unknown at that point.
+    /// Processes the first interval, which all hypotheses must use.
+    ///
+    /// In B, both the ambient field and the hard iron are unknown at that point.
     pub(super) fn start(&mut self, interval: &IntervalMeans, delay_s: f64, variance_ut2: f64) {
         self.for_each_filter(|filter| {
             filter.measure(interval, delay_s, variance_ut2, f64::INFINITY);
@@ -197,7 +204,7 @@ impl HypothesisTest {
         self.for_each_filter(|filter| filter.reset(BETA, DRIFT_SD_AT_REST_RAD_S));
     }
 
-    /// Processes an interval with a field of the given variance.
+    /// Processes an interval. `variance_ut2` is the variance of its magnetic field on each axis.
     pub(super) fn update(&mut self, interval: &IntervalMeans, settings: &Settings, variance_ut2: f64) -> TestOutcome {
         let (t_s, delay_s) = (interval.duration_s, self.main.x[TAU]);
         let main_gate = if self.hold_s > 0.0 { 0.0 } else { GATE };
@@ -243,8 +250,8 @@ impl HypothesisTest {
             self.restart_challengers();
             replaced = true;
         } else if self.rejected_s > max_rejected_s && self.direction_invalidated && on_probation {
-            // The first fields after the invalidation were rotated into the level frame while the
-            // level was still wrong, so the direction is invalidated once more.
+            // The first magnetic fields after the invalidation were rotated into the level frame
+            // while the level was still wrong, so the direction is invalidated once more.
             self.invalidate_direction();
             self.direction_invalidated = false;
             replaced = true;
@@ -264,7 +271,7 @@ impl HypothesisTest {
         TestOutcome { accepted: main.accepted, replaced }
     }
 
-    /// Updates the roughness of the field with the normalised innovation squared of M.
+    /// Updates the roughness of the magnetic field with the normalised innovation squared of M.
     fn update_roughness(&mut self, nis: f64, interval: &IntervalMeans) {
         if interval.at_rest {
             return;
@@ -274,7 +281,7 @@ impl HypothesisTest {
         self.roughness += (roughness - self.roughness) * gain;
     }
 
-    /// Returns the time for which another field must be steady to replace that of M, s.
+    /// Returns the time for which another magnetic field must be steady to replace that of M, s.
     fn min_new_field_s(&self, on_probation: bool) -> f64 {
         if self.supported_s >= WELL_SUPPORTED_S {
             return REJECTION_TIMEOUT_S;
@@ -284,11 +291,11 @@ impl HypothesisTest {
 
     /// Returns the standard deviation of the heading, rad, given that of M.
     ///
-    /// - A rough field increases the deviation.
+    /// - A magnetic field with a high roughness increases the deviation.
     /// - A new field is the earth's field with a probability that depends on the times for which
     ///   the new field and the field of M were observed. In that case the heading is wrong by the
     ///   angle between the two fields.
-    /// - The field of a place where the body has not moved yet may be that of iron nearby.
+    /// - Until the body has moved, the field in use may be that of iron nearby.
     pub(super) fn credible_sd_rad(&self, sd_rad: f64) -> f64 {
         let steady_s = self.new_field.steady_s();
         let [x, y, _] = self.new_field.mean_ut();
@@ -319,8 +326,8 @@ impl HypothesisTest {
             && self.challenge_turn_rad > MIN_CHALLENGE_TURN_RAD
     }
 
-    /// Processes a return to the last rest site. Returns `false` if the field there does not pass
-    /// the gate of M.
+    /// Processes a return to the last rest site. Returns `false` if the magnetic field there does
+    /// not pass the gate of M.
     pub(super) fn update_at_rest_site(&mut self) -> bool {
         let accepted = self.main.update_at_rest_site();
         if accepted {
@@ -330,7 +337,7 @@ impl HypothesisTest {
         accepted
     }
 
-    /// Stores the field of the current rest site in all hypotheses.
+    /// Stores the magnetic field of the current rest site in all hypotheses.
     pub(super) fn store_rest_site(&mut self) {
         self.for_each_filter(FieldFilter::store_rest_site);
     }

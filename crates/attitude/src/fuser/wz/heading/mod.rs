@@ -1,8 +1,8 @@
 //! Heading from the magnetic field. The field corrects only the rotation about the vertical, never
 //! the level.
 //!
-//! Input: the attitude with the heading of the gyro alone, the rate, and the field sample, if
-//! present.
+//! Input: the attitude with the heading of the gyro alone, the rate, and the magnetic field sample,
+//! if present.
 //!
 //! Output: the angle `a` by which the attitude must be rotated about the vertical so that its
 //! heading refers to magnetic north, and the standard deviation of `a`.
@@ -83,14 +83,14 @@ use {
     rest_site::{RestSite, SiteMatch},
 };
 
-/// Smallest plausible field reading, µT. Smaller readings are ignored.
+/// Smallest plausible magnetic field reading, µT. Smaller readings are ignored.
 const MIN_READING_UT: f64 = 1.0;
-/// Largest plausible field reading, µT. Larger readings are ignored.
+/// Largest plausible magnetic field reading, µT. Larger readings are ignored.
 const MAX_READING_UT: f64 = 500.0;
 /// Noise of the mean field over a window of 20 ms, µT.
 const NOISE_UT: f64 = 0.46;
-/// Additional noise per unit of rate, as a fraction of the field, s. It corresponds to a time
-/// offset of half a millisecond between samples and attitude.
+/// Additional noise per unit of rate, as a fraction of the magnetic field, s. It corresponds to a
+/// time offset of half a millisecond between samples and attitude.
 const NOISE_PER_RATE_S: f64 = 4.5e-4;
 /// Tilt error after a start in motion, rad.
 const SETTLING_TILT_RAD: f64 = 0.3;
@@ -98,12 +98,14 @@ const SETTLING_TILT_RAD: f64 = 0.3;
 const SETTLING_S: f64 = 3.0;
 /// Tilt error below which the tilt counts as settled, rad.
 const SETTLED_TILT_RAD: f64 = 4e-4;
-/// Largest rate at which a start does not count as a start in motion, rad/s.
+/// Rate above which a start counts as a start in motion, rad/s.
 const MAX_STILL_RATE_RAD_S: f64 = 0.1;
 /// Standard deviation above which a heading counts as unknown, rad.
 const UNKNOWN_HEADING_SD_RAD: f64 = 1.0;
-/// Largest unobserved rotation for which the field is linear in the heading, rad. After a larger
-/// rotation the direction of north is unknown.
+/// Largest unobserved rotation that only increases the variance of the heading, rad.
+///
+/// Up to this angle, the magnetic field is nearly linear in the heading. After a larger rotation,
+/// the direction of north is unknown.
 const MAX_LINEAR_RAD: f64 = 0.3;
 /// Additional standard deviation of the heading of a vibrating body, rad (3.4°). The motor that
 /// causes the vibration has a magnetic field.
@@ -118,7 +120,7 @@ const MAX_SMOOTHED_RAD: f64 = 0.017_453_293;
 /// Effect of a tick on the heading.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub(super) struct HeadingUpdate {
-    /// A field was used.
+    /// A magnetic field was used.
     pub(super) magnetic: bool,
     /// The heading jumps at this tick.
     pub(super) aligned: bool,
@@ -132,9 +134,9 @@ pub(super) struct Heading {
     rest_site: RestSite,
     /// Set if the body was at rest at the end of the last interval.
     was_at_rest: bool,
-    /// Set once a field sample has been used.
+    /// Set once a magnetic field sample has been used.
     started: bool,
-    /// Set once the heading has become known, from another stage or from the field.
+    /// Set once the heading has become known, from another stage or from the magnetic field.
     heading_known: bool,
     has_rested: bool,
     /// Fraction of the recent intervals in which the body vibrated.
@@ -146,10 +148,12 @@ pub(super) struct Heading {
     /// Part of the correction that the attitude does not contain yet, rad.
     pending_rad: f64,
     sd_rad: f64,
-    /// Standard deviation with allowances for a field that the main hypothesis does not explain,
-    /// rad.
+    /// Standard deviation of the heading, rad.
+    ///
+    /// It includes allowances for a magnetic field that the main hypothesis does not explain.
     credible_sd_rad: f64,
-    /// Standard deviation of the gyro heading's drift rate before the first field sample, rad/s.
+    /// Standard deviation of the gyro heading's drift rate before the first magnetic field sample,
+    /// rad/s.
     drift_sd_rad_s: f64,
     /// Set if the adopted heading refers to magnetic north.
     adopted_magnetic: bool,
@@ -164,8 +168,8 @@ impl Default for Heading {
 }
 
 impl Heading {
-    /// Creates the state from another stage's estimate. Its heading is already part of the
-    /// attitude.
+    /// Creates the state from another stage's estimate. The heading of the estimate is already part
+    /// of the attitude.
     pub(super) fn from_estimate(settings: &Settings, common: &Estimate) -> Self {
         let Estimate { reference, heading_sd_rad, bias_sd_rad_s, hard_iron, .. } = *common;
         let mut main = FieldFilter::new(settings);
@@ -191,7 +195,7 @@ impl Heading {
         }
     }
 
-    /// Returns the attitude with the heading corrected by the field.
+    /// Returns the attitude with the heading corrected by the magnetic field.
     #[inline]
     pub(super) fn with_heading(&self, attitude: Attitude) -> Attitude {
         if !self.started {
@@ -205,8 +209,9 @@ impl Heading {
         self.sd_rad
     }
 
-    /// Returns the standard deviation of the heading, rad, with allowances for a field that the
-    /// main hypothesis does not explain.
+    /// Returns the standard deviation of the heading, rad.
+    ///
+    /// It includes allowances for a magnetic field that the main hypothesis does not explain.
     #[inline]
     pub(super) fn credible_sd_rad(&self) -> f64 {
         self.credible_sd_rad
@@ -221,7 +226,7 @@ impl Heading {
         }
     }
 
-    /// Returns `true` if the last field sample was rejected.
+    /// Returns `true` if the last magnetic field sample was rejected.
     pub(super) fn is_disturbed(&self) -> bool {
         self.disturbed
     }
@@ -240,7 +245,7 @@ impl Heading {
     /// Handles a loss of the level, which also invalidates the gyro heading.
     pub(super) fn realign(&mut self) {
         self.field_averager = FieldAverager::default();
-        // Before the first field sample, there is no heading from the field to invalidate.
+        // Before the first magnetic field sample, there is no magnetic heading to invalidate.
         if self.started {
             self.invalidate_heading();
             self.update_correction();
@@ -254,8 +259,9 @@ impl Heading {
         self.hypothesis_test.reset_drift(drift_sd_rad_s);
     }
 
-    /// Returns the drift of the gyro heading, or `None` if it is uncertain or the last field was
-    /// rejected.
+    /// Returns the drift of the gyro heading.
+    ///
+    /// Returns `None` if the drift is uncertain or the last magnetic field was rejected.
     pub(super) fn drift(&self) -> Option<Drift> {
         let is_known = self.started && self.heading_known && !self.disturbed;
         is_known
@@ -282,7 +288,7 @@ impl Heading {
         self.settling_tilt_rad = SETTLING_TILT_RAD;
     }
 
-    /// Handles a gyro outage. Returns `true` if the field of the interval can be used.
+    /// Handles a gyro outage. Returns `true` if the magnetic field of the interval can be used.
     ///
     /// After a large unobserved rotation, the field can be used only if the outage covers the whole
     /// interval. Otherwise the mean field mixes two directions.
@@ -372,8 +378,9 @@ impl Heading {
         HeadingUpdate { magnetic: !self.disturbed, aligned: self.update_correction() }
     }
 
-    /// Processes an interval at rest. If the body is back at the last rest site, the field reveals
-    /// the drift of the gyro.
+    /// Processes an interval at rest.
+    ///
+    /// If the body is back at the last rest site, the magnetic field reveals the drift of the gyro.
     fn update_rest_site(&mut self, interval: &IntervalMeans) {
         let field_ut = self.hypothesis_test.main.field_without_hard_iron_ut(interval);
         match self.rest_site.observe(field_ut, interval.axes[2]) {
@@ -383,7 +390,7 @@ impl Heading {
         }
     }
 
-    /// Initialises the heading with the first field sample.
+    /// Initialises the heading with the first magnetic field sample.
     ///
     /// If the heading is already known relative to magnetic north, the filter starts at that
     /// heading and the output does not jump.
@@ -407,8 +414,8 @@ impl Heading {
     /// Sets the heading correction to that of the main hypothesis. Returns `true` if the heading
     /// jumps.
     ///
-    /// If the heading was known before, it follows the gyro while the heading from the field is
-    /// unknown. If it was never known, the heading from the field is used however uncertain it is.
+    /// If the heading was known before, it follows the gyro while the magnetic heading is unknown.
+    /// If the heading was never known, the magnetic heading is used regardless of its uncertainty.
     fn update_correction(&mut self) -> bool {
         let (correction_rad, variance_rad2) = self.hypothesis_test.main.heading_correction();
         self.sd_rad = libm::sqrt(variance_rad2).min(PI);

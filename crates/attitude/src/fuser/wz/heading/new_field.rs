@@ -1,4 +1,4 @@
-//! Detects a steady field that differs from the field on which the heading relies.
+//! Detects a steady magnetic field that differs from the one on which the heading relies.
 //!
 //! Input: the fields that the main hypothesis has rejected while the body turned, in reference
 //! axes.
@@ -7,25 +7,25 @@
 //!
 //! Time: the intervals in which the body turned.
 //!
-//! Failure: a magnet that stays beside the body for longer than the earth's field was used is taken
-//! for the earth's field.
+//! Failure: a magnet may stay near the body for longer than the earth's field was used. The field
+//! of the magnet is then mistaken for the earth's field.
 //!
 //! A field that is steady in reference axes while the body turns is not fixed to the body. Fields
 //! of passing magnets are not steady.
 
 use crate::scalars::scalars;
 
-/// Averaging time of the field, s. It lets the mean follow the drift of the gyro heading.
+/// Averaging time of the magnetic field, s. It lets the mean follow the drift of the gyro heading.
 const AVERAGING_S: f64 = 10.0;
-/// Largest distance from the mean at which a field counts as steady, µT: about two standard
-/// deviations of the local disturbance on three axes.
+/// Largest distance from the mean at which a magnetic field counts as steady, µT: about two
+/// standard deviations of the local disturbance on three axes.
 const MAX_DISTANCE_UT: f64 = 5.0;
-/// Rate at which the time decreases while the field is not steady.
+/// Rate at which the counted steady time decreases while the magnetic field is not steady.
 const DECREASE_PER_S: f64 = 2.0;
-/// Longest time that is counted, s.
+/// Longest steady time that is counted, s.
 const MAX_STEADY_S: f64 = 120.0;
 
-/// Mean of the rejected fields.
+/// Mean of the magnetic fields that the main hypothesis has rejected.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub(super) struct NewField {
     mean_ut: [f64; 3],
@@ -33,7 +33,7 @@ pub(super) struct NewField {
 }
 
 impl NewField {
-    /// Processes a field that the main hypothesis has rejected, µT.
+    /// Processes a magnetic field that the main hypothesis has rejected, µT, reference axes.
     pub(super) fn observe_rejected(&mut self, field_ut: [f64; 3], interval_s: f64) {
         if self.steady_s == 0.0 {
             self.mean_ut = field_ut;
@@ -48,17 +48,17 @@ impl NewField {
         self.mean_ut.iter_mut().zip(field_ut).for_each(|(mean, field)| *mean += (field - *mean) * gain);
     }
 
-    /// Processes an interval in which the field differed.
+    /// Processes an interval in which the magnetic field was accepted or differed from the mean.
     pub(super) fn observe_other(&mut self, interval_s: f64) {
         self.steady_s = (self.steady_s - DECREASE_PER_S * interval_s).max(0.0);
     }
 
-    /// Returns the time for which the field has been steady while the body turned, s.
+    /// Returns the time for which the rejected field has been steady while the body turned, s.
     pub(super) fn steady_s(&self) -> f64 {
         self.steady_s
     }
 
-    /// Returns the mean field, µT.
+    /// Returns the mean of the rejected magnetic fields, µT, reference axes.
     pub(super) fn mean_ut(&self) -> [f64; 3] {
         self.mean_ut
     }

@@ -6,8 +6,8 @@
 //!
 //! Time: counted in intervals.
 //!
-//! Failure: another site with the same field strength, dip and tilt of the body is taken for the
-//! previous one if its field points within a few degrees of the expected direction.
+//! Failure: another site with the same field strength, dip and tilt of the body is mistaken for the
+//! previous one if its magnetic field points within a few degrees of the expected direction.
 //!
 //! A body that returns to its previous site in the same orientation measures the same field:
 //! strength, dip and up vector agree. Any rotation of the horizontal field since then is drift of
@@ -18,16 +18,16 @@ use crate::{Vector3, scalars::scalars};
 
 /// Number of intervals at rest before the decision.
 const MIN_INTERVALS: f64 = 10.0;
-/// Repeatability (standard deviation) of the horizontal field at a site, µT.
+/// Repeatability (standard deviation) of the horizontal magnetic field at a site, µT.
 const HORIZONTAL_SD_UT: f64 = 0.2;
-/// Repeatability (standard deviation) of the vertical field at a site, µT.
+/// Repeatability (standard deviation) of the vertical magnetic field at a site, µT.
 const VERTICAL_SD_UT: f64 = 0.25;
 /// Repeatability (standard deviation) at a site of each component of the up vector in body axes.
 const UP_SD: f64 = 0.01;
 /// Largest normalised squared distance between two signatures of the same site.
 const MAX_DISTANCE2: f64 = 9.0;
 
-/// Mean field and up vector during a rest.
+/// Mean magnetic field and up vector during a rest.
 #[derive(Debug, Clone, Copy, PartialEq)]
 struct SiteSignature {
     horizontal_ut: f64,
@@ -52,7 +52,7 @@ pub(super) enum SiteMatch {
     /// The body is back at the previous site. Returned once per rest.
     Revisited,
     /// The body is at another site, or its return was reported earlier in this rest. The caller
-    /// stores the field of the site, to recognise the site later.
+    /// stores the magnetic field of the site, to recognise the site later.
     Current,
 }
 
