@@ -226,8 +226,9 @@ pub(crate) fn sink<I: Input>(settings: &ProcessSettings, input: I) -> Result<(),
     meter.report(Some(SinkReport { latency_us, lost: settings.ticks - settings.warm_up_ticks - latency_ns.len() }))
 }
 
-/// Passes available samples to `handle` until the last sample of the run has arrived or no sample
-/// has arrived for [`IDLE_TIMEOUT`].
+/// Passes available samples to `handle` until the last sample of the run has arrived.
+///
+/// Also stops if no sample has arrived for [`IDLE_TIMEOUT`].
 fn drain<I: Input>(
     settings: &ProcessSettings,
     mut input: I,

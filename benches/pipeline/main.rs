@@ -102,15 +102,14 @@ enum Mode {
     One,
 }
 
-/// Result of a run. For `real` and `other`, all fields except `phases` are read from the report of
+/// Result of a run. For `real` and `other`, all values except `phases` are read from the report of
 /// `plumb up`.
 #[derive(Debug, Clone, Copy, Serialize, Deserialize)]
 struct Cost {
     latency_us: LatencyUs,
     cpu_s_per_s: f64,
     lost: u64,
-    /// CPU time of the start-up phase, and CPU time per tick in the rest of the run; `None` if not
-    /// measured.
+    /// CPU time by phase of the run; `None` if it was not measured.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     phases: Option<Phases>,
 }

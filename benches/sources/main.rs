@@ -66,7 +66,7 @@ struct Cli {
     bench: bool,
 }
 
-/// The fields of the `plumb up` report that are used here.
+/// Values of the `plumb up` report that this benchmark uses.
 #[derive(Deserialize)]
 struct Report {
     latency_us: LatencyUs,

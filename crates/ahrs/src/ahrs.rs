@@ -163,8 +163,9 @@ impl<F: FuserStage> Ahrs<F> {
         self.fuser.stage()
     }
 
-    /// Returns the estimate that a filter with another fuser stage can adopt: the attitude and the
-    /// errors of the sensors with their standard deviations.
+    /// Returns the estimate that a filter with another fuser stage can adopt.
+    ///
+    /// The estimate contains the attitude and the sensor errors, with their standard deviations.
     pub fn estimate(&self) -> Estimate {
         self.fuser.stage().common()
     }

@@ -85,8 +85,9 @@ impl Attitude {
         self.reading.course_rad
     }
 
-    /// Returns the direction in which the heading is zero: magnetic north, true north, or an
-    /// arbitrary direction if no sensor observes north.
+    /// Returns the direction in which the heading is zero.
+    ///
+    /// The direction is magnetic north, true north, or arbitrary if no sensor observes north.
     pub fn heading_reference(&self) -> CourseReference {
         self.reading.reference
     }
@@ -156,8 +157,9 @@ impl Attitude {
         self.reset_counter
     }
 
-    /// Returns the newest jump of the attitude: the rotation from the expected to the new attitude,
-    /// w x y z, body axes.
+    /// Returns the newest jump of the attitude, w x y z, body axes.
+    ///
+    /// The jump is the rotation from the expected to the new attitude.
     pub fn jump(&self) -> [f64; 4] {
         self.jump
     }

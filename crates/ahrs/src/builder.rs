@@ -209,8 +209,7 @@ impl<F: FuserStage> AhrsBuilder<F> {
         self.limit("field_max_ut", range_ut)
     }
 
-    /// Sets the longest interval between samples that is not flagged as a gap, 0.001 to 10 s;
-    /// default 0.1.
+    /// Sets the interval between samples above which a gap is flagged, 0.001 to 10 s; default 0.1.
     ///
     /// # Errors
     ///
@@ -219,8 +218,7 @@ impl<F: FuserStage> AhrsBuilder<F> {
         self.limit("gap_s", gap_s)
     }
 
-    /// Sets the time after which a sensor that repeats its value counts as frozen, 0.01 to 60 s;
-    /// default 0.5.
+    /// Sets the time after which a repeated value counts as frozen, 0.01 to 60 s; default 0.5.
     ///
     /// # Errors
     ///
@@ -229,8 +227,10 @@ impl<F: FuserStage> AhrsBuilder<F> {
         self.limit("stuck_s", frozen_s)
     }
 
-    /// Sets the meaning of a rate sample: the mean over its interval (the default), or the value at
-    /// the end of its interval.
+    /// Sets the meaning of a rate sample.
+    ///
+    /// A rate is either the mean over its interval (the default) or the value at the end of its
+    /// interval.
     #[must_use]
     pub fn gyro_samples(mut self, kind: RateKind) -> Self {
         self.sensors.rate_kind = kind;
@@ -310,8 +310,8 @@ impl<F: FuserStage> AhrsBuilder<F> {
         Ok(self)
     }
 
-    /// Chooses the course stage by name: `"angles"`, the default, or `"track"`, which uses the
-    /// track over ground as the heading.
+    /// Chooses the course stage by name: `"angles"`, the default, or `"track"`. ¶ The stage
+    /// `"track"` uses the track over ground as the heading.
     ///
     /// # Errors
     ///

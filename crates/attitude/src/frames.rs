@@ -248,11 +248,13 @@ fn name_of<T: PartialEq>(names: &[(&'static str, T)], one: T) -> &'static str {
     names.iter().find(|(_, other)| *other == one).map_or("", |(name, _)| name)
 }
 
-/// Quaternion b with v_external = b v_native b* for the axes forward, left, up: a quarter turn
-/// about the third axis.
+/// Quaternion b with v_external = b v_native b* for the axes forward, left, up.
+///
+/// It is a quarter turn about the third axis.
 const FLU_ROTATION: [f64; 4] = [FRAC_1_SQRT_2, 0.0, 0.0, -FRAC_1_SQRT_2];
-/// Quaternion b with v_external = b v_native b* for the axes forward, right, down: a half turn
-/// about (1, 1, 0).
+/// Quaternion b with v_external = b v_native b* for the axes forward, right, down.
+///
+/// It is a half turn about (1, 1, 0).
 const FRD_ROTATION: [f64; 4] = [0.0, FRAC_1_SQRT_2, FRAC_1_SQRT_2, 0.0];
 const IDENTITY: [f64; 4] = [1.0, 0.0, 0.0, 0.0];
 

@@ -69,10 +69,10 @@ pub struct AngleError {
 }
 
 impl AngleError {
-    /// Returns the error of an estimate, or `None` if the nose is within 1° of the vertical in the
-    /// estimate or in the truth.
+    /// Returns the error of an estimate, or `None` near the vertical.
     ///
-    /// Near the vertical, yaw, roll and course are meaningless.
+    /// The result is `None` if the nose is within 1° of the vertical in the estimate or in the
+    /// truth. Yaw, roll and course are meaningless there.
     pub fn between(estimate: Angles, course_rad: f64, truth: Angles) -> Option<Self> {
         let wrapped_deg = |angle_rad: f64| wrapped_rad(angle_rad).to_degrees();
         let is_vertical = [estimate, truth].iter().any(|angles| libm::fabs(angles.pitch_rad) > GIMBAL_RAD);
@@ -118,8 +118,9 @@ impl Accuracy {
         (self.count > 0).then(|| self.squares.zip_with(&self.squares, |sum, _| libm::sqrt(sum / count)))
     }
 
-    /// Returns the mean of each angle, for instance over the trials of a benchmark, or `None` if
-    /// there are no errors.
+    /// Returns the mean of each angle, or `None` if there are no errors.
+    ///
+    /// The mean is taken, for instance, over the trials of a benchmark.
     pub fn mean(errors: impl IntoIterator<Item = AttitudeError>) -> Option<AttitudeError> {
         let mut sum = AttitudeError::default();
         let mut count = 0.0;

@@ -144,7 +144,8 @@ macro_rules! settings {
 }
 pub use crate::settings;
 
-/// Implements the parameters of a stage: those of the settings in one of its fields.
+/// Implements the parameter methods of a stage. The parameters are the settings in a struct field
+/// of the stage.
 macro_rules! parameters_of {
     ($Settings:ident in $($field:ident).+) => {
         fn parameters(&self) -> &'static [$crate::parameters::Parameter] {

@@ -19,8 +19,9 @@ use crate::{
 
 /// Validation of a stage's output.
 pub trait Validate {
-    /// Returns the reason why the value is invalid (a number is not finite or a rotation does not
-    /// have unit length), or `None` if it is valid.
+    /// Returns the reason why the value is invalid, or `None` if it is valid.
+    ///
+    /// A value is invalid if a number is not finite or a rotation does not have unit length.
     fn validation_error(&self) -> Option<&'static str>;
 }
 
@@ -68,8 +69,9 @@ pub trait Stage {
     /// Visits every number of the state, always in the same order.
     fn visit_state(&mut self, visit: &mut dyn FnMut(&mut f64));
 
-    /// Returns the reason why a state of finite numbers is invalid, such as a negative variance, or
-    /// `None` if it is valid.
+    /// Returns the reason why a state of finite numbers is invalid, or `None` if it is valid.
+    ///
+    /// A negative variance, for example, makes a state invalid.
     fn validation_error(&self) -> Option<&'static str> {
         None
     }
@@ -249,15 +251,17 @@ impl Attitude {
     }
 }
 
-/// Returns the reason why an attitude is invalid (outside the bounds of its chart, or NaN), or
-/// `None` if it is valid.
+/// Returns the reason why an attitude is invalid, or `None` if it is valid.
+///
+/// An attitude is invalid if it is outside the bounds of its chart or NaN.
 pub fn attitude_validation_error(attitude: Attitude) -> Option<&'static str> {
     let inside = attitude.up.w.norm_sqr() <= 2.0 && attitude.z_rad.abs() <= 4.0;
     (!inside).then_some("an attitude outside its chart")
 }
 
-/// Returns the reason why a gyro bias of finite components is invalid (above 10 rad/s), or `None`
-/// if it is valid.
+/// Returns the reason why a gyro bias is invalid, or `None` if it is valid.
+///
+/// The components must be finite. A component above 10 rad/s is invalid.
 pub fn bias_validation_error(bias_rad_s: Vector3<f64>) -> Option<&'static str> {
     (bias_rad_s.amax() > 10.0).then_some("a gyro bias above 10 rad/s")
 }

@@ -40,8 +40,9 @@ pub struct Attitude {
 pub struct AttitudeUpdate {
     /// New attitude.
     pub attitude: Attitude,
-    /// Factor e^{−j Δz} by which horizontal vectors in the level frame are multiplied, because the
-    /// level frame was rotated by Δz.
+    /// Factor e^{−j Δz} by which to multiply horizontal vectors in the level frame.
+    ///
+    /// The factor accounts for the rotation of the level frame by Δz.
     pub level_frame_rotation: Complex<f64>,
 }
 
@@ -177,11 +178,11 @@ impl Attitude {
         self.axes_from_tilt(*azimuth, scaled_tilt, 2.0 * m2 * half)
     }
 
-    /// Returns the attitude after a tilt of its level frame by the rotation that brings ζ0 to the
-    /// level-frame point `tilt`.
+    /// Returns the attitude after a tilt of its level frame.
     ///
-    /// w⁺ = (w + l)/m, z⁺ = z + 2 arg m, m = 1 − w̄ l, with l the tilt. The rotation axis is
-    /// horizontal, so the heading does not change with the tilt.
+    /// The tilt is the rotation that brings ζ0 to the level-frame point `tilt`: w⁺ = (w + l)/m, z⁺
+    /// = z + 2 arg m, m = 1 − w̄ l, with l the tilt. The rotation axis is horizontal, so the
+    /// heading does not change with the tilt.
     #[inline]
     pub fn tilted(self, tilt: Complex<f64>) -> AttitudeUpdate {
         self.mapped(self.up.w + tilt, Complex::new(1.0, 0.0) - self.up.w.conj() * tilt)
@@ -198,8 +199,8 @@ impl Attitude {
         self.tilted(tilt)
     }
 
-    /// Returns the horizontal part ξ + j η of a body vector in the level frame, which is the
-    /// reference frame rotated by z.
+    /// Returns the horizontal part ξ + j η of a body vector in the level frame. ¶ The level frame
+    /// is the reference frame rotated by z.
     ///
     /// h = F − (a + j b)(f_ζ + Re(w̄ F)) with F = f_ξ + j f_η and a + j b = 2w/(1 + |w|²). These
     /// are the first two rows of A(w)ᵀ f.

@@ -20,12 +20,12 @@ use crate::{
     limits::{Mib, OPEN_FILES_REMEDY, REQUIRED_OPEN_FILES, SHARED_MEMORY_REMEDY, SharedMemory},
 };
 
-/// A failure is attributed to the open-file limit if fewer than this number of files could still be
-/// opened. The threshold is above zero because the failed operation has closed the files that it
-/// had opened.
+/// Number of files below which the open-file limit is considered the cause of a failure.
+///
+/// The number counts the files that could still be opened. The threshold is above zero because the
+/// failed operation has closed the files that it had opened.
 const MIN_SPARE_FILES: u64 = 16;
-/// A failure is attributed to a lack of memory if less than this amount of shared memory is free,
-/// bytes.
+/// Free shared memory below which a lack of memory is considered the cause of a failure, bytes.
 const MIN_SPARE_MEMORY_BYTES: u64 = 256 << 10;
 
 impl SharedMemory {

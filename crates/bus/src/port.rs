@@ -27,15 +27,21 @@ use messages::Message;
 
 use crate::{error::BusError, limits::MAX_OBSERVERS, machine_limits::describe_cause};
 
-/// Maximum number of publishers of a topic: owner, candidate and feeder, and the same number of
-/// killed processes that have not been cleaned up yet.
+/// Maximum number of publishers of a topic.
+///
+/// Owner, candidate and feeder may each be accompanied by a killed process that has not been
+/// cleaned up yet.
 const MAX_PUBLISHERS: usize = 6;
-/// Maximum number of subscriptions of a service to a topic: owner, candidate and a killed process
-/// that has not been cleaned up yet.
+/// Maximum number of subscriptions of a service to a topic.
+///
+/// The subscribers are the owner, a candidate and a killed process that has not been cleaned up
+/// yet.
 const MAX_SERVICE_SUBSCRIPTIONS: usize = 3;
-/// Maximum number of other subscriptions to a topic: the gateway and a killed predecessor; the
-/// supervisor, its recorder and its input check; one per observer; and two spare ones. Before an
-/// observer attaches, it removes the subscriptions of killed observers.
+/// Maximum number of other subscriptions to a topic.
+///
+/// They are those of the gateway and a killed predecessor; the supervisor, its recorder and its
+/// input check; one per observer; and two spare ones. Before an observer attaches, it removes the
+/// subscriptions of killed observers.
 const MAX_OTHER_SUBSCRIPTIONS: usize = 7 + MAX_OBSERVERS;
 /// Maximum number of publishers of a topic on which every service or every candidate publishes.
 ///
@@ -156,8 +162,10 @@ impl BusTopic {
 pub(crate) trait OutPort: fmt::Debug {
     /// Writes a message to the buffer of every subscriber.
     fn send(&self, message: &[Word]) -> Result<(), BusError>;
-    /// Delivers the buffered history to the subscribers that have joined since the last message was
-    /// sent or this function was last called.
+    /// Delivers the buffered history to new subscribers.
+    ///
+    /// A subscriber is new if it has joined since the last message was sent or this function was
+    /// last called.
     fn deliver_history(&self) -> Result<(), BusError>;
 }
 

@@ -130,7 +130,9 @@ impl SystemName {
         Ok(members_lock)
     }
 
-    /// Returns the process ID of the name's owner, if any; 0 if the owner has not recorded it yet.
+    /// Returns the process ID of the name's owner, or `None` if the name has no owner.
+    ///
+    /// The result is 0 if the owner has not recorded its process ID yet.
     pub fn owner_pid(&self) -> Result<Option<u32>, BusError> {
         let file = match self.open_shared_state(false) {
             Err(BusError::File { cause, .. }) if cause.kind() == io::ErrorKind::NotFound => return Ok(None),

@@ -153,10 +153,10 @@ impl<M: Message> Publisher<M> {
         Ok(())
     }
 
-    /// Announces that `tick` is about to be published, so that the next tick of the topic is the
-    /// one after it.
+    /// Announces that `tick` is about to be published.
     ///
-    /// From the next tick, a replacement can determine how far a dead publisher got.
+    /// The next tick of the topic becomes the tick after it. From that value, a replacement can
+    /// determine how far a dead publisher got.
     pub fn set_next_tick_after(&self, tick: u64) {
         self.waker.set_next_tick_after(tick);
     }

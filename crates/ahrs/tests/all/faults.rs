@@ -38,8 +38,7 @@ fn attitude_fix(t_s: f64, present: Option<()>) -> Option<plumbline_ahrs::attitud
     })
 }
 
-/// Runs the system and the filter over 2,000 readings and asserts that their outputs are equal bit
-/// for bit.
+/// Asserts that the system and the filter have equal outputs, bit for bit, over 2,000 readings.
 ///
 /// `edit` may alter each reading before both receive it. Returns the union of all flags.
 fn run(stage: &str, edit: impl Fn(i64, &mut Reading)) -> Flags {

@@ -23,11 +23,12 @@ pub struct Inclination {
     pub force_m_s2: Vector3<f64>,
     /// Norm |f| of the force, m/s².
     pub norm_m_s2: f64,
-    /// Trust in the force: 1 at |f| = g, decreasing linearly to 0 at |f| = 0 and at |f| = 2 g or
-    /// more.
+    /// Trust in the force, 0 to 1.
     ///
-    /// It is 0 if `up` was not computed from this force. It rates a single instant only. To
-    /// suppress forces due to motion, averaging works better than rejecting samples with low trust.
+    /// The trust is 1 at |f| = g and decreases linearly to 0 at |f| = 0 and at |f| = 2 g or more.
+    /// It is also 0 if `up` was not computed from this force. The trust rates a single instant
+    /// only. To suppress forces due to motion, averaging works better than rejecting samples with
+    /// low trust.
     pub trust: f64,
 }
 
@@ -51,8 +52,10 @@ impl Validate for Inclination {
 
 scalars!(Inclination: up, force_m_s2, norm_m_s2, trust);
 
-/// Returns the trust in a force: 1 at |f| = g, decreasing linearly to 0 at |f| = 0 and at |f| = 2 g
-/// or more. A force that was not used has trust 0.
+/// Returns the trust in a force, 0 to 1.
+///
+/// The trust is 1 at |f| = g and decreases linearly to 0 at |f| = 0 and at |f| = 2 g or more. A
+/// force that was not used has trust 0.
 #[inline]
 pub(super) fn trust(norm_m_s2: f64, used: bool) -> f64 {
     let deviation = (norm_m_s2 * (1.0 / GRAVITY_M_S2) - 1.0).abs();

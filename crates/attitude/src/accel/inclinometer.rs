@@ -18,8 +18,9 @@
 
 use crate::{Quaternion, Vector3, point::Point, state::Attitude};
 
-/// Returns the point of the up direction, computed from pitch and roll by the matrix method; `None`
-/// if the direction is undefined.
+/// Returns the point of the up direction, from pitch and roll by the matrix method.
+///
+/// Returns `None` if the direction is undefined.
 pub(super) fn point_by_matrix(force_m_s2: Vector3<f64>) -> Option<Point> {
     let [pitch_rad, roll_rad] = pitch_and_roll_rad(force_m_s2);
     let ((sin_pitch, cos_pitch), (sin_roll, cos_roll)) = (libm::sincos(pitch_rad), libm::sincos(roll_rad));

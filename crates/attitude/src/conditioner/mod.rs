@@ -116,8 +116,9 @@ pub struct Conditioner {
     offset_ns: i64,
     typical_interval_ns: i64,
     last: Option<LastSample>,
-    /// Stamp of the previous reading and the number of readings rejected in a row, if the previous
-    /// reading was rejected as outdated.
+    /// Stamp of the previous reading and number of consecutive rejected readings.
+    ///
+    /// `None` unless the previous reading was rejected as outdated.
     backward_run: Option<(i64, i64)>,
     rejected: u64,
     rejected_before: bool,
@@ -280,8 +281,7 @@ impl Conditioner {
         Some((last.t_end_ns, t_end_ns, flags))
     }
 
-    /// Returns the interval to use (ns) if it is certain that the clock was set back, and otherwise
-    /// `None`.
+    /// Returns the interval to use, ns, if the clock was certainly set back; otherwise `None`.
     ///
     /// A stamp is outdated if it is earlier than that of the last accepted reading. The clock was
     /// certainly set back after two consecutive outdated stamps in increasing order, or after

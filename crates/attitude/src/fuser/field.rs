@@ -9,11 +9,10 @@ use crate::{
 /// field.
 const MIN_FIELD_UT: f64 = 0.05;
 
-/// Returns the increase of z, rad, (−π, π], that turns the horizontal magnetic field to the
-/// reference axis η0.
+/// Returns the correction of z that turns the horizontal magnetic field to the reference axis η0.
 ///
-/// For the levelled field m' = A(w)ᵀ m, this is z_mag − z with z_mag = atan2(m'_ξ, m'_η). The code
-/// rotates m' by z first, which gives the same angle.
+/// The correction is in rad, (−π, π]. For the levelled field m' = A(w)ᵀ m, it is z_mag − z with
+/// z_mag = atan2(m'_ξ, m'_η). The code rotates m' by z first, which gives the same angle.
 pub(super) fn heading_correction_rad(attitude: Attitude, field: Vector3<f64>) -> f64 {
     let h = attitude.horizontal(field);
     let (sin, cos) = libm::sincos(attitude.z_rad);

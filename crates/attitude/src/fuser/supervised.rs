@@ -198,7 +198,9 @@ impl SupervisedState {
         tick.inclination.filter(|_| !(is_dead || is_invalid || is_small))
     }
 
-    /// Returns `true` on the first usable rate after an outage or gap if the tilt error is too
+    /// Returns `true` if the level must be re-initialised after an outage or a gap.
+    ///
+    /// This is the case at the first usable rate after the outage or gap, if the tilt error is too
     /// large.
     fn needs_realignment(&mut self, is_rate_usable: bool, interval_s: f64, inclination: Option<&Inclination>) -> bool {
         if !is_rate_usable {

@@ -24,11 +24,13 @@ use crate::heading::{
     trial::{Chain, trials, truth},
 };
 
-/// Quantiles at 68 % and 95 % of the magnitude of a normally distributed error in one axis, in
-/// standard deviations.
+/// Ideal 68 % and 95 % quantiles of an error in one axis, in standard deviations.
+///
+/// They are those of the magnitude of a normally distributed error.
 const ONE_AXIS: [f64; 2] = [1.0, 2.0];
-/// Quantiles at 68 % and 95 % of the magnitude of an error that is normally distributed in two
-/// axes, in standard deviations of one axis.
+/// Ideal 68 % and 95 % quantiles of an error in two axes, in standard deviations of one axis.
+///
+/// They are those of the magnitude of a normally distributed error.
 const TWO_AXES: [f64; 2] = [1.51, 2.45];
 /// Accepted ratio of a measured quantile to the ideal one.
 const CONSISTENT: core::ops::RangeInclusive<f64> = 0.7..=1.4;
@@ -56,8 +58,9 @@ impl NormalisedErrors {
         self
     }
 
-    /// Prints and returns the quantiles at 68 % and 95 %, each as a ratio to its ideal value, for
-    /// inclination and heading.
+    /// Prints and returns the 68 % and 95 % quantiles for inclination and heading.
+    ///
+    /// Each quantile is given as a ratio to its ideal value.
     fn ratios(mut self, name: &str) -> [[f64; 2]; 2] {
         let ratios = [quantiles(&mut self.inclination, TWO_AXES), quantiles(&mut self.heading, ONE_AXIS)];
         println!("{name}: inclination {:.2?}, heading {:.2?}", ratios[0], ratios[1]);
@@ -65,8 +68,9 @@ impl NormalisedErrors {
     }
 }
 
-/// Returns the quantiles at 68 % and 95 %, each as a ratio to its ideal value, or NaN if there are
-/// no errors.
+/// Returns the 68 % and 95 % quantiles, each as a ratio to its ideal value.
+///
+/// Returns NaN if there are no errors.
 fn quantiles(errors: &mut [f64], ideal: [f64; 2]) -> [f64; 2] {
     if errors.is_empty() {
         return [f64::NAN; 2];
@@ -93,8 +97,8 @@ fn wz_sd_is_consistent_on_broad_and_crossed_trials() {
         }
         errors
     };
-    // Trial 27 is left out, because its field directions in motion and at rest differ by 6°, which
-    // no sensor on the body can detect.
+    // Trial 27 is left out, because its magnetic field directions in motion and at rest differ by
+    // 6°, which no sensor on the body can detect.
     let solvable = trials.iter().filter(|trial| trial.number() != "27");
     let without_27 = solvable
         .map(|trial| normalised(&trial.rows))
@@ -125,8 +129,9 @@ const CRUISE: [(&str, f64); 7] = [
     ("accel_bias_walk_m_s2_sqrt_s", 0.0),
     ("scale_noise", 0.0),
 ];
-/// Sensor errors of `cruise-hard` as parameters of `aided`: the errors of `cruise` plus a scale
-/// error of 1 % and a drifting bias.
+/// Sensor errors of `cruise-hard` as parameters of `aided`.
+///
+/// They are the errors of `cruise` plus a scale error of 1 % and a drifting bias.
 const CRUISE_HARD: [(&str, f64); 5] = [CRUISE[0], CRUISE[1], CRUISE[3], CRUISE[4], ("scale_noise", 0.003)];
 /// Sensor errors of `s1` as parameters of `wz`: constant gyro bias and white accelerometer noise.
 const S1: [(&str, f64); 3] =
@@ -153,9 +158,9 @@ fn aided_sd_with_sensor_parameters_is_consistent() {
     check("cruise-hard?gnss=never", &CRUISE_HARD, 0.2);
 }
 
-/// Tests the case in which the gyro parameters match the simulation but the simulated receiver is
-/// better than its parameters. The reported standard deviations may then be too large, but not too
-/// small.
+/// Tests exact gyro parameters with a simulated receiver that is better than its parameters.
+///
+/// The reported standard deviations may then be too large, but not too small.
 #[test]
 fn aided_sd_with_gyro_parameters_is_not_too_small() {
     let [inclination, heading] = simulated("aided", "cruise", &CRUISE, 3);

@@ -224,8 +224,11 @@ fn heading_recovers_within_20_s_of_a_field_fault() {
     }
 }
 
-/// Returns the largest heading error from `from_s` onwards, degrees, and the longest time for which
-/// the error exceeds three reported standard deviations, s.
+/// Returns the largest heading error, the longest time with an underestimated error, and the
+/// output.
+///
+/// The largest error, degrees, is that from `from_s` onwards. The time, s, is the longest for which
+/// the error exceeds three reported standard deviations. The output is that of the last tick.
 fn honest_errors(world: World, from_s: f64, until_s: f64, change: impl Fn(f64, &mut FuserInput)) -> (f64, f64, Fused) {
     let (mut max_error_deg, mut excess_s, mut longest_s, mut last) = (0f64, 0f64, 0f64, None);
     world.run(&mut Wz::default(), until_s, change, |t_s, out, error, _| {

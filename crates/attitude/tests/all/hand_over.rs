@@ -72,13 +72,14 @@ const MAGNETIC_FUSERS: [&str; 7] =
 /// Fusers with a small error in all movements of the trials.
 const ACCURATE_FUSERS: [&str; 3] = ["wz", "multiple-model", "vqf"];
 
-/// Margin of the error over the whole trial for a swap from a fuser with a small error, degrees.
+/// Margin for a swap from a fuser with a small error, degrees. It applies to the error over the
+/// whole trial.
 const WHOLE_TRIAL: Errors = degrees(0.05, 0.05);
-/// Margin of the error over the whole trial for a swap to `vqf` from a fuser with a small error,
-/// degrees.
+/// Margin for a swap to `vqf` from a fuser with a small error, degrees. It applies to the error
+/// over the whole trial.
 const WHOLE_TRIAL_VQF: Errors = degrees(0.07, 0.1);
-/// Margins for swaps between `wz` and `multiple-model`, degrees: for the error from the swap on,
-/// and for the error over the whole trial.
+/// Margins for swaps between `wz` and `multiple-model`, degrees. ¶ The first margin is for the
+/// error from the swap on, the second for the error over the whole trial.
 ///
 /// On these trials the two fusers behave identically, so each swap is in effect a hand-over from a
 /// fuser to itself. Such a swap shows the effect of the hand-over, which the larger error of other
@@ -155,8 +156,9 @@ impl Errors {
     }
 }
 
-/// Run of one fuser over the whole trial, with its state at the swap and its errors before and
-/// after the swap.
+/// Run of one fuser over the whole trial.
+///
+/// It holds the state at the swap and the errors before and after the swap.
 struct SoloRun {
     name: &'static str,
     at_swap: Fuser,
@@ -208,8 +210,10 @@ impl Trial {
         SoloRun { name, at_swap, before, after: self.run(&mut fuser, swap..self.inputs.len()) }
     }
 
-    /// Returns the excess of the errors with a swap over those of the fusers alone: after the swap,
-    /// and over the whole trial.
+    /// Returns the excess of the errors with a swap over those of the fusers alone.
+    ///
+    /// The first result is for the errors after the swap, the second for those over the whole
+    /// trial.
     fn excess(&self, swap: usize, first: &SoloRun, second: &SoloRun) -> [Errors; 2] {
         let mut fuser = Fuser::from_name(second.name).unwrap();
         fuser.adopt(&first.at_swap.common()).unwrap();

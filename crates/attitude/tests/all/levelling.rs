@@ -392,7 +392,7 @@ fn record_with_negative_variance_or_time_is_rejected() {
                 stage.restore(&damaged).is_err()
             })
             .count();
-        // A value of −1000 is rejected only if the field has a fixed sign or a bound. This applies
+        // A value of −1000 is rejected only for a number with a fixed sign or a bound. This applies
         // to the attitude, times, variances and the intervals in the ring buffer.
         let min_rejected = match fuser {
             "levelling" => 7,

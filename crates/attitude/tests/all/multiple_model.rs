@@ -183,8 +183,8 @@ fn parameters_are_those_of_wz_and_aided_without_magnetic() {
     assert_eq!(fuser.parts(), ["wz", "aided"]);
 }
 
-/// Tests the leaky velocity of a car that drives, stands still until the fuser no longer assumes
-/// ground motion, and is then pushed.
+/// Tests the leaky velocity of a car that drives, stands still and is then pushed. ¶ The car stands
+/// still until the fuser no longer assumes ground motion.
 ///
 /// At the time of the push, the level comes from `wz` and the heading from `aided`.
 #[test]

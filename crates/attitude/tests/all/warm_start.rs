@@ -29,7 +29,7 @@ const HARD_IRON_SD_UT: f64 = 0.5;
 const GYRO_SCALE: GyroScale =
     GyroScale { error: Vector3::new(0.002, -0.004, 0.001), sd: Vector3::new(2e-4, 3e-4, 1e-4) };
 
-/// Returns the outputs over the first 2 s of scenario S1, which has no rest, and the fuser at the
+/// Runs the first 2 s of scenario S1, which has no rest. Returns the outputs and the fuser at the
 /// end.
 fn run_in_motion(mut fuser: Fuser) -> (Vec<Fused>, Fuser) {
     let (mut gyro, mut accel, mut before_s) = (Gyro::from_name("mobius").unwrap(), Accelerometer::default(), 0.0);

@@ -231,7 +231,7 @@ fn wake_reaches_every_subscriber() {
 fn frozen_waiter_costs_one_system_call() {
     let Pair { here, system_name, .. } = &pair();
     let publisher = here.publisher::<ImuSample>(BUFFER).unwrap();
-    // Each word occupies one cache line, as do the fields before the first word.
+    // Each word occupies one cache line, as do the struct fields before the first word.
     let word_bytes = 64;
     let waiting = (word_bytes * (1 + ImuSample::TOPIC.index) + size_of::<u32>()) as u64;
     let file = fs::File::options()

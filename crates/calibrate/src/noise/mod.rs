@@ -58,8 +58,10 @@ const LIMIT_REPETITIONS: usize = 3;
 /// Maximum number of times that the duration of the recording is doubled. The search ends when the
 /// duration determines a coefficient.
 const MAX_DOUBLINGS: u32 = 6;
-/// Limit for the misfit of the model: the difference between χ² and its mean, in standard
-/// deviations of χ². Above the limit, the model does not describe the deviations.
+/// Limit for the misfit of the model.
+///
+/// The misfit is the difference between χ² and its mean, in standard deviations of χ². Above the
+/// limit, the model does not describe the deviations.
 const MAX_MISFIT: f64 = 4.0;
 /// Maximum number of motions that a message lists.
 const MAX_LISTED: usize = 5;
@@ -69,8 +71,10 @@ const MAX_LISTED: usize = 5;
 pub struct NoiseCalibrator {
     intake: Intake,
     rows: Vec<Row>,
-    /// Sums of the values and of the times of the readings that form the next row, with the number
-    /// of these readings. The times are relative to the first reading of the row.
+    /// Sums over the readings that form the next row.
+    ///
+    /// The sums are those of the values and of the times, followed by the number of readings. The
+    /// times are relative to the first reading of the row.
     sum: Option<(Row, i64, u32)>,
     /// Binary logarithm of the number of readings per row.
     halvings: u32,
@@ -355,8 +359,9 @@ impl Forecast {
         Self { total_s: series.rests_s.iter().sum(), interval_s: series.interval_s, doublings: Vec::new() }
     }
 
-    /// Returns the duration of a rest that would determine the coefficient with this index, min;
-    /// `None` if even the longest rest would not.
+    /// Returns the duration of a rest that would determine the coefficient with this index, min.
+    ///
+    /// Returns `None` if even the longest rest would not determine it.
     fn needed_min(&mut self, coefficients: &Coefficients, index: usize) -> Option<f64> {
         for doubling in 1..=MAX_DOUBLINGS {
             let duration_s = self.total_s * f64::from(1u32 << doubling);

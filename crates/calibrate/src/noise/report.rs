@@ -83,8 +83,9 @@ pub enum Estimate {
     NotDetermined {
         /// Upper limit at a confidence of 95 %.
         below: f64,
-        /// Duration of a rest that would determine a coefficient as large as the limit, min; `None`
-        /// if it is more than 64 times the duration of this recording.
+        /// Duration of a rest that would determine a coefficient as large as the limit, min.
+        ///
+        /// `None` if the duration is more than 64 times that of this recording.
         needs_min: Option<f64>,
     },
 }

@@ -24,16 +24,19 @@ const MAX_RATE_RATIO: f64 = 1.25;
 /// Relative deviation from the median above which an interval is counted as irregular.
 const IRREGULAR_SHARE: f64 = 0.5;
 
-/// Maximum ratio of the standard deviation of a block at rest to the 10th percentile of the
-/// standard deviations of all blocks.
+/// Factor on the typical standard deviation of a block above which the block is in motion.
+///
+/// The typical value is the 10th percentile of the standard deviations of all blocks.
 const QUIET_FACTOR: f64 = 5.0;
-/// Maximum change of the mean between two successive blocks at rest, in standard deviations of the
-/// changes of the mean.
+/// Maximum change of the mean between two successive blocks at rest.
+///
+/// The unit is the standard deviation of the changes of the mean.
 const STEP_FACTOR: f64 = 10.0;
 /// Median absolute value of a normally distributed number, in standard deviations.
 const NORMAL_MEDIAN: f64 = 0.6745;
-/// Maximum change of the mean that is attributed to noise, in standard deviations of the mean of a
-/// block.
+/// Maximum change of the mean that is attributed to noise.
+///
+/// The unit is the standard deviation of the mean of a block.
 const NOISE_FACTOR: f64 = 12.0;
 
 /// Limits of a sensor at rest, in its unit.

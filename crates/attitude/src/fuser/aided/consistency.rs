@@ -24,8 +24,9 @@ const MIN_MEAN: f64 = 0.05;
 /// Largest mean from which the factor on the reported deviations is computed. Larger means are
 /// clamped.
 const MAX_MEAN: f64 = 16.0;
-/// Coefficient c of the empirical law: if the mean is below 1, the reported deviations are
-/// multiplied by c · mean^e, but at most by 1.
+/// Coefficient c of the empirical law.
+///
+/// If the mean is below 1, the reported deviations are multiplied by c · mean^e, but at most by 1.
 const DEFLATION_FACTOR: f64 = 1.44;
 /// Exponent e of the empirical law.
 const DEFLATION_EXPONENT: f64 = 0.7;

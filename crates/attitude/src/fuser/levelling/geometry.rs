@@ -22,8 +22,10 @@ pub(super) fn forward(attitude: Attitude) -> Complex<f64> {
     if size > 1e-3 { axis / size } else { Complex::new(0.0, 0.0) }
 }
 
-/// Returns the acceleration (V H', V') of a vehicle that moves in the direction of its nose, level
-/// frame, m/s². V is its speed and H' its turn rate.
+/// Returns the acceleration (V H', V') of a vehicle that moves in the direction of its nose.
+///
+/// The acceleration is in the level frame, m/s². V is the speed of the vehicle and H' its turn
+/// rate.
 pub(super) fn vehicle_acceleration_m_s2(
     attitude: Attitude,
     centripetal_m_s2: f64,
@@ -44,9 +46,10 @@ pub(super) fn tilt_from_acceleration(unexplained_m_s2: Complex<f64>) -> Complex<
     unexplained_m_s2 / GRAVITY_M_S2
 }
 
-/// Returns the gyro error that would cause a tilt of the level, as a rotation vector in body axes.
+/// Returns the gyro error that would cause a tilt of the level.
 ///
-/// Its horizontal part in the level frame is j times the tilt.
+/// The result is a rotation vector in body axes, rad. Its horizontal part in the level frame is j
+/// times the tilt.
 pub(super) fn gyro_error_from_tilt(attitude: Attitude, tilt_rad: Complex<f64>) -> Vector3<f64> {
     let excess = J * tilt_rad;
     Vector3::from(

@@ -35,8 +35,9 @@ impl Vqf {
         self.tilt = AngleUncertainty::INITIAL;
     }
 
-    /// Initialises the low-pass filter with gravity at the current level and the given velocity,
-    /// instead of with the next force.
+    /// Initialises the low-pass filter with gravity at the current level and the given velocity.
+    ///
+    /// Otherwise the filter would start with the next force.
     pub(super) fn seed_low_pass(&mut self, velocity_m_s: Complex<f64>) {
         let to_gyro = conjugate(self.filter.state().acc_quat);
         self.set_force_low_pass(ForceLowPass {
@@ -95,8 +96,9 @@ impl Vqf {
     }
 }
 
-/// Output of the second-order force low-pass filter and its rate of change, in the frame of the
-/// gyro integration.
+/// Output of the second-order force low-pass filter and its rate of change.
+///
+/// Both are in the frame of the gyro integration.
 pub(super) struct ForceLowPass {
     force_m_s2: Vector3<f64>,
     /// Velocity change that is equivalent to the rate of change of the output, m/s.

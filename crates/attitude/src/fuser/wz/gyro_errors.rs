@@ -46,11 +46,14 @@ const UPDATE_INTERVAL_S: f64 = 0.2 - 1e-6;
 /// First update interval after the level is initialised, s. Short intervals let the level follow
 /// the mean force from the start.
 const INITIAL_INTERVAL_S: f64 = 0.02 - 1e-6;
-/// Length of the update intervals after the first one, as a fraction of the time since the level
-/// was initialised. The length is limited to [`UPDATE_INTERVAL_S`].
+/// Length of the update intervals after the first, as a fraction of the time since initialisation.
+///
+/// The time counts from the initialisation of the level. The length is limited to
+/// [`UPDATE_INTERVAL_S`].
 const INITIAL_INTERVAL_FRACTION: f64 = 0.15;
-/// Time after initialisation during which the level follows the plain mean of the force, s, however
-/// large the estimated noise is.
+/// Time after initialisation during which the level follows the plain mean of the force, s.
+///
+/// The estimated noise has no influence during this time.
 const MEAN_ONLY_S: f64 = 0.6;
 /// Duration that the first sample represents in the mean force after initialisation, s. A hand does
 /// not change its acceleration within a shorter time.
@@ -61,15 +64,18 @@ const JOINT_HANDOVER_SD_FACTOR: f64 = core::f64::consts::SQRT_2;
 /// Largest standard deviation of the bias, rad/s: that of a consumer MEMS gyro after its own
 /// calibration.
 const MAX_BIAS_SD_RAD_S: f64 = 0.003;
-/// Largest difference between the estimated bias and the bias measured at rest that is corrected
-/// without a restart, rad/s: five standard deviations of a calibrated gyro.
+/// Largest change of the bias at a rest that is corrected without a restart, rad/s.
+///
+/// The change is the difference between the estimated bias and the bias measured at rest. The limit
+/// is five standard deviations of a calibrated gyro.
 const MAX_LINEAR_BIAS_CHANGE_RAD_S: f64 = 5.0 * MAX_BIAS_SD_RAD_S;
 /// Largest standard deviation of the scale error, for a consumer MEMS gyro.
 const MAX_SCALE_SD: f64 = 0.002;
 /// Largest scale error that is corrected. Data sheets allow at most 1 %.
 const MAX_SCALE: f64 = 0.01;
-/// Additional random walk of the bias per unit of rate, 1/√s: the effect of misaligned axes at a
-/// changing rate.
+/// Additional random walk of the bias per unit of rate, 1/√s.
+///
+/// It models the effect of misaligned axes at a changing rate.
 const BIAS_WALK_PER_RATE: f64 = 2e-5;
 /// Random walk of the scale error, 1/√s: the effect of a few degrees of warming in an hour.
 const SCALE_WALK: f64 = 1e-5;
@@ -100,8 +106,9 @@ const MIN_FORCE_SD: f64 = 1e-3;
 const MIN_VELOCITY_SD_S: f64 = 5e-3;
 /// Initial standard deviation of the force innovations after a start.
 const INITIAL_FORCE_INNOVATION_SD: f64 = 0.01;
-/// Initial standard deviation of the force innovations after a hand-over, which may happen in the
-/// middle of a movement.
+/// Initial standard deviation of the force innovations after a hand-over.
+///
+/// A hand-over may happen in the middle of a movement.
 const MOVING_FORCE_INNOVATION_SD: f64 = 0.1;
 /// Initial standard deviation of the velocity innovations after a start, s.
 const INITIAL_VELOCITY_INNOVATION_SD_S: f64 = 0.075;
@@ -172,8 +179,9 @@ struct Prediction {
 /// Result of an update.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct UpdateOutcome {
-    /// Error of the loop that remains to be corrected: the accumulated effect of the gyro errors
-    /// and of the initial level error.
+    /// Error of the loop that remains to be corrected.
+    ///
+    /// It is the accumulated effect of the gyro errors and of the initial level error.
     pub(super) error: LoopError,
     /// Horizontal force divided by g, without the part that the estimated tilt error causes.
     pub(super) acceleration: Complex<f64>,
@@ -214,8 +222,8 @@ pub(super) struct GyroErrorFilter {
     loop_sensitivity: [LoopError; GYRO_ERRORS],
     /// Tilt and velocity errors of the levelling loop per unit of initial level error.
     tilt_sensitivity: [f64; 2],
-    /// Horizontal rotation that the gyro errors have caused since the last update, per unit of bias
-    /// and of scale.
+    /// Horizontal rotation due to the gyro errors since the last update, per unit of bias and of
+    /// scale.
     drift: [Complex<f64>; GYRO_ERRORS],
     /// Duration of gyro outages since the last update, s.
     outage_s: f64,
@@ -422,8 +430,10 @@ impl GyroErrorFilter {
         GyroScale { error: self.scale, sd: Vector3::from(self.scale_variance().map(libm::sqrt)) }
     }
 
-    /// Returns the variance of the bias about the vertical, rad²/s²: the sum of the variances of
-    /// all axes minus the variances about the two horizontal axes.
+    /// Returns the variance of the bias about the vertical, rad²/s².
+    ///
+    /// It is the sum of the variances about all axes minus the variances about the two horizontal
+    /// axes.
     #[inline]
     pub(super) fn vertical_bias_variance(&self) -> f64 {
         let sum: f64 = (BIAS..SCALE).map(|i| self.covariance[(i, i)]).sum();
@@ -636,8 +646,8 @@ impl GyroErrorFilter {
         )
     }
 
-    /// Returns the correction at standstill, where the force reveals the entire error of the loop,
-    /// regardless of its cause.
+    /// Returns the correction at standstill. ¶ At standstill the force reveals the entire error of
+    /// the loop, regardless of its cause.
     ///
     /// The correction matches the loop's velocity to its current tilt, so that the tilt settles
     /// within T2. Sensitivities to earlier errors are adjusted accordingly.
@@ -650,14 +660,16 @@ impl GyroErrorFilter {
         LoopError { tilt: Complex::new(0.0, 0.0), velocity: loop_velocity_s - tilt_rad * T1_S }
     }
 
-    /// Returns `true` if a bias measured at rest differs so much from the estimate that the effects
-    /// of the estimate cannot be corrected linearly.
+    /// Returns `true` if a bias measured at rest is far from the estimate.
+    ///
+    /// The effects of the estimate can then not be corrected linearly.
     fn is_new_bias(&self, bias_rad_s: Vector3<f64>) -> bool {
         (bias_rad_s - self.bias_rad_s).amax() > MAX_LINEAR_BIAS_CHANGE_RAD_S
     }
 
-    /// Restarts the filter with a bias measured at rest and returns the error of the loop, which
-    /// the force shows at rest.
+    /// Restarts the filter with a bias measured at rest.
+    ///
+    /// Returns the error of the loop, which the force shows at rest.
     #[cold]
     fn restart_at_rest(
         &mut self,

@@ -78,8 +78,9 @@ impl LoopResponse {
         Self { c0, c1, stiffness: a }
     }
 
-    /// Returns the tilt error and the velocity error at the end of the interval, the latter divided
-    /// by g.
+    /// Returns the tilt error and the velocity error at the end of the interval.
+    ///
+    /// The velocity error is divided by g.
     pub(super) fn apply<T>(self, tilt: T, velocity: T) -> [T; 2]
     where
         T: Copy + Mul<f64, Output = T> + Add<Output = T> + Sub<Output = T>,

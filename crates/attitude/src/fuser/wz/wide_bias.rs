@@ -66,8 +66,8 @@ const RESTART_S: f64 = 30.0;
 pub(super) struct WideBiasFilter {
     filter: GyroErrorFilter,
     running: bool,
-    /// Set once a rest has shown the bias or another stage has handed it over, until the bias has
-    /// changed.
+    /// Set once a rest has shown the bias or another stage has handed it over. Cleared when the
+    /// bias has changed.
     is_bias_known: bool,
     age_s: f64,
     apart_s: f64,
@@ -146,8 +146,9 @@ impl WideBiasFilter {
         self.is_bias_known
     }
 
-    /// Returns the difference between the biases of the two filters, rad/s, if it is suspected to
-    /// be real; otherwise 0.
+    /// Returns the difference between the biases of the two filters, rad/s.
+    ///
+    /// Returns 0 unless the difference is suspected to be real.
     pub(super) fn suspected_rad_s(&self) -> f64 {
         self.suspected_rad_s
     }

@@ -33,7 +33,7 @@ pub(crate) fn crossed_rows(movement: &Trial, place: &Trial, seed: u64) -> Vec<Ro
             rng.uniform_in(-MAX_SHEAR, MAX_SHEAR)
         }
     });
-    // North is the direction of the mean field in motion, not that of the field at rest.
+    // North is the direction of the mean magnetic field in motion, not that of the field at rest.
     let mean_ut = Vector3::new(0.0, mean_ut.x.hypot(mean_ut.y), mean_ut.z);
     let (from, to) = movement.movement();
     let mut rows = movement.rows.clone();
@@ -44,7 +44,7 @@ pub(crate) fn crossed_rows(movement: &Trial, place: &Trial, seed: u64) -> Vec<Ro
         let moving_ut = moving_ut.get((share * moving_ut.len() as f64) as usize).filter(|_| tick >= from);
         let place_ut = moving_ut.unwrap_or(&at_rest_ut).component_mul(&mirror);
         let noise = Vector3::from_fn(|_, _| NOISE_UT * rng.normal());
-        // The field in body axes is unknown in rows without a reference attitude.
+        // The magnetic field in body axes is unknown in rows without a reference attitude.
         row.field_ut = truth(row).map(|q| (into_body(q, mean_ut + place_ut) + noise).into());
     }
     rows

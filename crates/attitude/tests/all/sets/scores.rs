@@ -14,11 +14,13 @@ use recording::Row;
 
 use super::recorded::Recording;
 
-/// Quantiles at 68 % and 95 % of the magnitude of a normally distributed error in one axis, in
-/// standard deviations.
+/// Ideal 68 % and 95 % quantiles of an error in one axis, in standard deviations.
+///
+/// They are those of the magnitude of a normally distributed error.
 const ONE_AXIS: [f64; 2] = [1.0, 2.0];
-/// Quantiles at 68 % and 95 % of the magnitude of an error that is normally distributed in two
-/// axes, in standard deviations of one axis.
+/// Ideal 68 % and 95 % quantiles of an error in two axes, in standard deviations of one axis.
+///
+/// They are those of the magnitude of a normally distributed error.
 const TWO_AXES: [f64; 2] = [1.51, 2.45];
 
 /// Chain of the default gyro and accel stages and a fuser.
@@ -63,8 +65,9 @@ struct AttitudeError {
     total_rad: f64,
 }
 
-/// Returns the error against the reference of a row, or `None` if the row has no reference or is
-/// not scored.
+/// Returns the error against the reference of a row.
+///
+/// Returns `None` if the row has no reference or is not scored.
 fn error(out: &Fused, row: &Row) -> Option<AttitudeError> {
     let [w, x, y, z] = row.reference.filter(|reference| reference.scored)?.quaternion;
     let e = out.attitude.quaternion() * Quaternion::new(w, x, y, z).conjugate();
@@ -120,8 +123,9 @@ pub(super) fn bias_at(stage: &str, recording: &Recording, t_s: f64) -> Vector3<f
     rows.map(|row| chain.step(row).bias_rad_s).last().unwrap()
 }
 
-/// Means over the recordings of a set, and the quantiles of their normalised errors relative to
-/// those of a normal distribution.
+/// Mean scores over the recordings of a set.
+///
+/// The quantiles of the normalised errors are relative to those of a normal distribution.
 pub(super) struct SetScores {
     pub(super) total: f64,
     pub(super) heading: f64,

@@ -11,8 +11,9 @@ const SLOW_SPEED_M_S: f64 = 0.7;
 /// Minimum cosine of the angle between two tracks that confirm each other: 30°.
 const MIN_TRACK_COSINE: f64 = 0.866;
 
-/// Velocity increment between the validity times of two fixes, once from the specific force and
-/// once from the fixes.
+/// Velocity increment between the validity times of two fixes, measured in two ways.
+///
+/// One measurement comes from the specific force, the other from the velocities of the fixes.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct MatchedIncrement {
     /// Integral of the force, platform axes, m/s.

@@ -71,8 +71,7 @@ impl DelayMatchedIntegral {
         matched
     }
 
-    /// Returns the duration of the force samples that have been integrated since the validity time
-    /// of the last fix, s.
+    /// Returns the total duration of the force samples since the validity time of the last fix, s.
     pub(super) fn since_fix_s(&self) -> f64 {
         self.since_fix.span_s
     }

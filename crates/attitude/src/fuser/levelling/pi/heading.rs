@@ -39,8 +39,9 @@ pub(super) struct HeadingCorrection {
 pub(super) struct Heading {
     /// Set if the axes of the platform are east and north.
     pub(super) known: bool,
-    /// Standard deviation of the azimuth without the effect of the crab angle, rad; π while the
-    /// azimuth is unknown.
+    /// Standard deviation of the azimuth without the effect of the crab angle, rad.
+    ///
+    /// It is π while the azimuth is unknown.
     drift_sd_rad: f64,
     /// Total duration of the accelerated motion from which the azimuth has been corrected, s. It is
     /// limited to [`FULL_TURNING_S`].

@@ -41,8 +41,9 @@ const MAX_UNEXPLAINED_M_S: f64 = 0.5;
 const MAX_UNEXPLAINED_M_S2: f64 = 2.0;
 
 impl LevellingPi {
-    /// Propagates the uncertainties over one interval: the random walk of the bias and the azimuth
-    /// drift due to the bias.
+    /// Propagates the uncertainties over one interval.
+    ///
+    /// They grow by the random walk of the bias and by the azimuth drift due to the bias.
     pub(super) fn advance(&mut self, dt_s: f64) {
         let variance = self.bias_variance_rad2_s2 + BIAS_RANDOM_WALK_RAD_S * BIAS_RANDOM_WALK_RAD_S * dt_s;
         self.bias_variance_rad2_s2 = variance.min(UNKNOWN_BIAS_SD_RAD_S * UNKNOWN_BIAS_SD_RAD_S);
@@ -74,11 +75,11 @@ impl LevellingPi {
         corrections
     }
 
-    /// Corrects level and bias from the difference between the increment measured by the force and
-    /// that measured by the fixes.
+    /// Corrects level and bias by the mismatch between force and fixes.
     ///
-    /// The tilt correction is (∫ f_P dt − ΔV)/(g τ). The bias correction is the tilt correction
-    /// divided by 4 τ.
+    /// The mismatch is the difference between the velocity increments that they measure. The tilt
+    /// correction is (∫ f_P dt − ΔV)/(g τ). The bias correction is the tilt correction divided by 4
+    /// τ.
     fn level_by_increment(&mut self, increment: &MatchedIncrement) {
         let settings = self.settings;
         let MatchedIncrement { by_force_m_s, by_fixes_m_s, span_s } = *increment;

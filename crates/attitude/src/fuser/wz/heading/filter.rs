@@ -48,7 +48,7 @@ use crate::{
 
 /// Number of states.
 pub(super) const STATES: usize = 16;
-/// Index of the ambient field e.
+/// Index of the ambient magnetic field e, µT, reference axes.
 pub(super) const E: usize = 0;
 /// Index of the drift rate β.
 pub(super) const BETA: usize = 3;
@@ -60,7 +60,7 @@ pub(super) const B: usize = 5;
 const D: usize = 8;
 /// Index of the gyro scale error κ.
 pub(super) const KAPPA: usize = 11;
-/// Index of p, the horizontal field at the last rest site.
+/// Index of the horizontal magnetic field p at the last rest site, µT, reference axes.
 const SITE: usize = 14;
 
 /// Standard deviation of an unknown ambient magnetic field, µT. It is close to the strongest field
@@ -329,7 +329,7 @@ impl FieldFilter {
         core::array::from_fn(|j| self.p[E + i][j] + self.p[D + i][j] - self.p[SITE + i][j])
     }
 
-    /// Stores e + d as p, the field expected on a return to this rest site.
+    /// Stores e + d as p, the magnetic field expected on a return to this rest site.
     pub(super) fn store_rest_site(&mut self) {
         for i in 0..2 {
             self.x[SITE + i] = self.x[E + i] + self.x[D + i];

@@ -40,8 +40,10 @@ const MAX_NIS: f64 = 30.0;
 /// Normalised innovation squared of M above which a disturbance counts as strong, such as that of a
 /// magnet passing close by.
 const STRONG_NIS: f64 = 200.0;
-/// Time for which M uses no field after a strong disturbance, s. While a magnet moves away, its
-/// field is inside the gate for a moment, but still rotates the estimated field by degrees.
+/// Time for which M uses no magnetic field after a strong disturbance, s.
+///
+/// While a magnet moves away, its field is inside the gate for a moment, but still rotates the
+/// estimated field by degrees.
 const HOLD_S: f64 = 2.0;
 /// Lead at which B replaces M, as twice the log-likelihood ratio.
 const WIN_MARGIN: f64 = 85.0;
@@ -84,7 +86,7 @@ const MAX_ROUGHNESS: f64 = 9.0;
 /// Number of components of an innovation.
 const DEGREES_OF_FREEDOM: f64 = 3.0;
 /// Standard deviation of the heading before the body has moved, rad (29°). Iron near a parked
-/// vehicle rotates the field by tens of degrees.
+/// vehicle rotates the magnetic field by tens of degrees.
 const UNMOVED_SD_RAD: f64 = 0.5;
 /// Time constant with which the use of a magnetic field in motion confirms it, s.
 /// [`UNMOVED_SD_RAD`] decays with this time constant.
@@ -124,11 +126,12 @@ pub(super) struct HypothesisTest {
     accepted_s: f64,
     rejected_s: f64,
     new_field: NewField,
-    /// Time for which M has used the field while the body turned, s, up to [`WELL_SUPPORTED_S`].
+    /// Time for which M has used the magnetic field while the body turned, s. It is limited to
+    /// [`WELL_SUPPORTED_S`].
     supported_s: f64,
     /// Mean square of the innovations of M in motion, relative to their predicted variance.
     roughness: f64,
-    /// Remaining time for which M uses no field after a strong disturbance, s.
+    /// Remaining time for which M uses no magnetic field after a strong disturbance, s.
     hold_s: f64,
     /// Set when the direction of north is invalidated. Cleared by the first long rejection after
     /// that.
@@ -198,8 +201,9 @@ impl HypothesisTest {
         (self.accepted_s, self.rejected_s, self.hold_s, self.direction_invalidated) = (0.0, 0.0, 0.0, true);
     }
 
-    /// Resets the drift rate on the first rest, when the gyro bias is observed, because earlier
-    /// drift does not predict later drift.
+    /// Resets the drift rate on the first rest, when the gyro bias is observed.
+    ///
+    /// Earlier drift does not predict later drift.
     pub(super) fn on_first_rest(&mut self) {
         self.for_each_filter(|filter| filter.reset(BETA, DRIFT_SD_AT_REST_RAD_S));
     }
@@ -318,8 +322,9 @@ impl HypothesisTest {
         (self.challenger_rejected_s, self.challenge_age_s, self.challenge_turn_rad) = (0.0, 0.0, 0.0);
     }
 
-    /// Returns `true` if hypothesis B has found a different hard-iron offset and the body has
-    /// turned enough to confirm it.
+    /// Returns `true` if hypothesis B has found a different hard iron.
+    ///
+    /// The body must also have turned enough to confirm the change.
     fn has_new_hard_iron(&self) -> bool {
         let distance2_ut2 = self.body.hard_iron_distance2_ut2(&self.main);
         distance2_ut2 > MIN_HARD_IRON_CHANGE_UT * MIN_HARD_IRON_CHANGE_UT

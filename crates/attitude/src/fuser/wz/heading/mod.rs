@@ -274,8 +274,9 @@ impl Heading {
         self.hypothesis_test.subtract_drift(rate_rad_s);
     }
 
-    /// Handles a bias that a rest has shown to be far from its estimate, which invalidates the gyro
-    /// heading and its drift.
+    /// Handles a bias that was found at rest to be far from its estimate.
+    ///
+    /// The gyro heading and its drift are then invalid.
     pub(super) fn invalidate_at_rest(&mut self) {
         self.realign();
         self.hypothesis_test.on_first_rest();

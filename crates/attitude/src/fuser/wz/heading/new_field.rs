@@ -17,8 +17,9 @@ use crate::scalars::scalars;
 
 /// Averaging time of the magnetic field, s. It lets the mean follow the drift of the gyro heading.
 const AVERAGING_S: f64 = 10.0;
-/// Largest distance from the mean at which a magnetic field counts as steady, µT: about two
-/// standard deviations of the local disturbance on three axes.
+/// Largest distance from the mean at which a magnetic field counts as steady, µT.
+///
+/// It is about two standard deviations of the local disturbance on three axes.
 const MAX_DISTANCE_UT: f64 = 5.0;
 /// Rate at which the counted steady time decreases while the magnetic field is not steady.
 const DECREASE_PER_S: f64 = 2.0;
@@ -53,7 +54,8 @@ impl NewField {
         self.steady_s = (self.steady_s - DECREASE_PER_S * interval_s).max(0.0);
     }
 
-    /// Returns the time for which the rejected field has been steady while the body turned, s.
+    /// Returns the time for which the rejected magnetic field has been steady while the body
+    /// turned, s.
     pub(super) fn steady_s(&self) -> f64 {
         self.steady_s
     }
