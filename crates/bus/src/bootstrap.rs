@@ -5,8 +5,8 @@
 //! Output: a folder and the segment in which iceoryx2 counts nodes, accessible to this user only.
 //!
 //! Failure: every error is returned to the caller. Other users can write to the segment for a short
-//! time, before it is replaced as described below. This can prevent the start, but does no other
-//! harm.
+//! time, before it is replaced as described below. Such a write can prevent the start of the
+//! system, but does no other harm.
 //!
 //! iceoryx2 creates the node segment readable and writable for every user, regardless of the umask,
 //! and accepts an existing segment unchanged. Therefore the segment is created once and then

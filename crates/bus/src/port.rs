@@ -39,8 +39,8 @@ const MAX_PUBLISHERS: usize = 6;
 const MAX_SERVICE_SUBSCRIPTIONS: usize = 3;
 /// Maximum number of other subscriptions to a topic.
 ///
-/// They are those of the gateway and a killed predecessor; the supervisor, its recorder and its
-/// input check; one per observer; and two spare ones. Before an observer attaches, it removes the
+/// They belong to the gateway and a killed predecessor; to the supervisor, its recorder and its
+/// input check; and to the observers. Two are spare. Before an observer attaches, it removes the
 /// subscriptions of killed observers.
 const MAX_OTHER_SUBSCRIPTIONS: usize = 7 + MAX_OBSERVERS;
 /// Maximum number of publishers of a topic on which every service or every candidate publishes.

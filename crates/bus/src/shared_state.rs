@@ -24,7 +24,7 @@ pub(crate) const SHARED_STATE_BYTES: usize = size_of::<Layout>();
 pub(crate) struct WakeWord {
     pub(crate) wake_count: AtomicU32,
     pub(crate) waiting: AtomicU32,
-    /// Tick after the highest one announced for publication on the topic.
+    /// Next tick of the topic: one more than the highest tick announced for publication.
     pub(crate) next_tick: AtomicU64,
     /// Number of messages published on the topic. A subscriber compares it with the number that it
     /// has read, because asking iceoryx2 for a message costs several hundred instructions.

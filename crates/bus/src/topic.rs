@@ -91,7 +91,7 @@ impl Bus {
         self.lease.is_current_run()
     }
 
-    /// Returns the tick after the highest one announced for publication on `topic`.
+    /// Returns the next tick of `topic`: one more than the highest tick announced for publication.
     pub fn next_tick(&self, topic: &Entry) -> u64 {
         self.waker(topic).next_tick()
     }
@@ -161,7 +161,7 @@ impl<M: Message> Publisher<M> {
         self.waker.set_next_tick_after(tick);
     }
 
-    /// Returns the tick after the highest one announced for publication.
+    /// Returns the next tick: one more than the highest tick announced for publication.
     pub fn next_tick(&self) -> u64 {
         self.waker.next_tick()
     }
@@ -285,7 +285,7 @@ impl<M: Message> Subscriber<M> {
         self.waker.mark_all_consumed();
     }
 
-    /// Returns the tick after the highest one announced for publication.
+    /// Returns the next tick: one more than the highest tick announced for publication.
     pub fn next_tick(&self) -> u64 {
         self.waker.next_tick()
     }

@@ -70,7 +70,7 @@ impl TopicWaker {
         self.word().next_tick.fetch_max(tick.saturating_add(1), SeqCst);
     }
 
-    /// Returns the tick after the highest one announced for publication.
+    /// Returns the next tick: one more than the highest tick announced for publication.
     pub(crate) fn next_tick(&self) -> u64 {
         self.word().next_tick.load(SeqCst)
     }

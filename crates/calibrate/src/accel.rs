@@ -8,9 +8,9 @@
 //! misalignment.
 //!
 //! If the rests do not cover these six positions, the errors are estimated while the unit is slowly
-//! rotated by hand through all positions; see `motion`. This is less accurate. Every direction has
-//! about the same weight, residuals have Huber weights, and the standard deviations are computed
-//! from the residuals.
+//! rotated by hand through all positions; see `motion`. This method is less accurate. Every
+//! direction has about the same weight, residuals have Huber weights, and the standard deviations
+//! are computed from the residuals.
 
 use attitude::{Matrix3, Vector3};
 use nalgebra::{SMatrix, SVector};
@@ -104,8 +104,9 @@ impl AccelCalibrator {
         if motion_coverage.share > rest_coverage.share { motion_coverage } else { rest_coverage }
     }
 
-    /// Returns the covered sectors. A side is covered as a whole, so its four sectors have the same
-    /// value.
+    /// Returns, for each sector of directions in sensor axes, `true` if it is covered.
+    ///
+    /// A side is covered as a whole, so its four sectors have the same value.
     pub(crate) fn covered_sectors(&self) -> [bool; SECTORS] {
         let (rests, windows) = (self.rests(), self.windows.complete());
         let is_motion = coverage_in_motion(windows).share > coverage(&rests).share;
@@ -333,7 +334,7 @@ fn coverage(rests: &[Rest]) -> Coverage {
     }
 }
 
-/// Returns, for each side, `true` if it was up in some window.
+/// Returns, for each side (+x, −x, +y, −y, +z, −z), `true` if it pointed up in a window.
 fn sides_in_motion(windows: &[MeanForce]) -> [bool; 6] {
     std::array::from_fn(|face| windows.iter().any(|window| window.sides_up[face]))
 }

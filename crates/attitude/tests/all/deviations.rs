@@ -26,11 +26,11 @@ use crate::heading::{
 
 /// Ideal 68 % and 95 % quantiles of an error in one axis, in standard deviations.
 ///
-/// They are those of the magnitude of a normally distributed error.
+/// The ideal error is normally distributed.
 const ONE_AXIS: [f64; 2] = [1.0, 2.0];
 /// Ideal 68 % and 95 % quantiles of an error in two axes, in standard deviations of one axis.
 ///
-/// They are those of the magnitude of a normally distributed error.
+/// The ideal error is normally distributed.
 const TWO_AXES: [f64; 2] = [1.51, 2.45];
 /// Accepted ratio of a measured quantile to the ideal one.
 const CONSISTENT: core::ops::RangeInclusive<f64> = 0.7..=1.4;
@@ -131,7 +131,7 @@ const CRUISE: [(&str, f64); 7] = [
 ];
 /// Sensor errors of `cruise-hard` as parameters of `aided`.
 ///
-/// They are the errors of `cruise` plus a scale error of 1 % and a drifting bias.
+/// The list contains the errors of `cruise` plus a scale error of 1 % and a drifting bias.
 const CRUISE_HARD: [(&str, f64); 5] = [CRUISE[0], CRUISE[1], CRUISE[3], CRUISE[4], ("scale_noise", 0.003)];
 /// Sensor errors of `s1` as parameters of `wz`: constant gyro bias and white accelerometer noise.
 const S1: [(&str, f64); 3] =

@@ -6,10 +6,11 @@
 //! Output: errors with the swap, compared with the errors of each fuser that runs alone. Two errors
 //! are compared: that from the swap on and that over the whole trial.
 //!
-//! Over the whole trial, even a faultless hand-over may have a larger error than either fuser
-//! alone, if the first fuser is the worse one before the swap and the second fuser is the worse one
-//! after it. The error over the whole trial is therefore also accepted if it does not exceed the
-//! error of the first fuser before the swap combined with that of the second fuser after it.
+//! Even a faultless hand-over may have a larger error over the whole trial than either fuser alone.
+//! This happens if the first fuser is the worse one before the swap and the second fuser is the
+//! worse one after it. The error over the whole trial is therefore also accepted if it does not
+//! exceed the error of the first fuser before the swap combined with that of the second fuser after
+//! it.
 //!
 //! Failure: without the recordings the tests are skipped with a message.
 //!

@@ -71,8 +71,8 @@ fn gaps_in_motion_are_not_taken_for_turns() {
 
 /// Returns the outputs of a cruise until `until_s`, followed by `rest_s` seconds at rest.
 ///
-/// The cruise has fixes from 10 s onwards. The rest begins at once, without a landing, and has no
-/// fixes.
+/// The cruise has fixes from 10 s onwards. The rest begins immediately, without a landing, and has
+/// no fixes.
 fn fly_and_rest(until_s: f64, rest_s: f64, magnetic: bool) -> Vec<(f64, Fused)> {
     let mut scenario = Scenario::parse("cruise?duration_s=600").unwrap();
     scenario.errors.magnetometer = magnetic.then_some(Magnetometer { reference_ut: FIELD_UT, noise_ut: 0.5 });

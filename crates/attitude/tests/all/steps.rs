@@ -1,9 +1,9 @@
-//! Tests on recordings that the attitude makes no step that the body did not make. At each tick, a
-//! fuser may correct the rotation measured by the gyro only by a small or an announced step.
+//! Tests on recordings that the attitude does not jump unless the body moves. At each tick, a fuser
+//! may correct the rotation measured by the gyro only by a small step, or by a step that it flags.
 //!
 //! Input: log of a multicopter (PX4), trials of BROAD, an aerobatic flight.
 //!
-//! Output: largest unannounced step.
+//! Output: largest step without a flag.
 //!
 //! Failure: without the recordings the tests are skipped with a message.
 //!
@@ -25,7 +25,7 @@ use recording::{Reader, gnss::FixReader};
 
 use crate::common::ulog;
 
-/// Largest accepted unannounced step, degrees.
+/// Largest accepted step without a flag, degrees.
 const MAX_STEP_DEG: f64 = 0.05;
 const FUSERS: [&str; 6] = ["wz", "multiple-model", "aided", "levelling", "levelling-unified", "levelling-pi"];
 

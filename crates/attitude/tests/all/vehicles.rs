@@ -1,5 +1,5 @@
-//! Fuser `wz` on accelerating and turning vehicles: no unannounced jumps, and errors compared with
-//! the errors of VQF.
+//! Fuser `wz` on accelerating and turning vehicles: no jumps without a flag, and errors compared
+//! with the errors of VQF.
 use attitude::{
     GRAVITY_M_S2, Quaternion, Vector3,
     accel::Accelerometer,

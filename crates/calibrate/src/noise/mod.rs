@@ -16,7 +16,7 @@
 //! | module | content |
 //! | --- | --- |
 //! | `rows` | readings and axes |
-//! | `rests` | parts at rest, motion, gaps and rate |
+//! | `rests` | rests, motion, gaps and rate |
 //! | `allan` | Allan variances and their covariances |
 //! | `model` | noise model and its fit |
 //! | `report` | coefficients, curves and text |

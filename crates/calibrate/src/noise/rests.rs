@@ -3,9 +3,9 @@
 //! Readings are grouped into blocks of about one second. A block is in motion if its standard
 //! deviation on an axis exceeds five times the 10th percentile of the standard deviations of all
 //! blocks. It is also in motion if its mean differs from that of the previous block by more than
-//! noise explains, or from that of the first block of its rest so much that the unit must have
-//! turned. The neighbours of a block in motion are not used. Vibration that lasts as long as the
-//! recording counts as noise of the sensor.
+//! noise explains. The same applies if its mean differs from that of the first block of its rest so
+//! much that the unit must have turned. The neighbours of a block in motion are not used. Vibration
+//! that lasts as long as the recording counts as noise of the sensor.
 
 use super::rows::{AXES, Axis, Row, seconds};
 

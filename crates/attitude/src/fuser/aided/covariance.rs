@@ -88,8 +88,8 @@ impl Covariance {
         rows += velocity;
         let mut rows = self.0.fixed_rows_mut::<3>(ROTATION);
         rows += rotation;
-        // (F P) Fᵀ changes the columns. Those of the biases stay the same, so only the block of
-        // velocity and rotation remains to be updated.
+        // (F P) Fᵀ changes the columns. The columns of the biases stay the same, so only the block
+        // of velocity and rotation remains to be updated.
         let velocity = self.0.fixed_view::<6, 3>(0, ROTATION) * tilt_coupling.transpose()
             + self.0.fixed_view::<6, 3>(0, ACCEL) * bias_coupling.transpose();
         let rotation = self.0.fixed_view::<6, 3>(0, GYRO) * bias_coupling.transpose();

@@ -9,7 +9,7 @@ const NOISE_MEMORY_S: f64 = 5.0;
 #[derive(Debug, Clone, PartialEq, Default)]
 pub(super) struct IntervalSums {
     pub(super) duration_s: f64,
-    /// Part of the duration for which there was no specific force, s.
+    /// Time without a specific force since the last propagation of the covariance, s.
     pub(super) force_outage_s: f64,
     /// ∫ f dt, m/s, reference axes.
     pub(super) force_m_s: Vector3<f64>,

@@ -2,7 +2,8 @@
 //! receiver.
 //!
 //! "S4" is *Orientation algorithm for a low-grade MEMS strapdown system, tried on a Mi-8
-//! helicopter*. Its platform is a horizontal frame free in azimuth; C takes body to platform:
+//! helicopter*. Its platform is a horizontal frame with an arbitrary azimuth. The matrix C converts
+//! body axes to platform axes:
 //!
 //! C' = C ω̂ − ω̂c C,  f_P = C f,  H = atan2(C12, C22)
 //!
@@ -21,8 +22,8 @@
 //!
 //! Here (fx, fy) is the horizontal specific force, g the gravity and τ the time constant of
 //! levelling. If V is unknown, the low-pass filtered f_P replaces (gx, gy), because over half a
-//! minute a vehicle's accelerations average out in a frame that does not rotate with it. For
-//! cruise, S4 reports RMS errors of roll and pitch of 0.2–0.5° aided and 0.3–1.0° autonomous.
+//! minute a vehicle's accelerations average out in a frame that does not rotate with the vehicle.
+//! For cruise, S4 reports RMS errors of roll and pitch of 0.2–0.5° aided and 0.3–1.0° autonomous.
 //!
 //! A loop with K alone converts the gyro bias b to a tilt of τ b: with 0.05 °/s it is 0.25° for τ =
 //! 5 s, and 3° in a gap with τ = 60 s. With such a gyro the published law ([`Levelling`]) gives

@@ -5,9 +5,8 @@
 //! over seconds in any frame. The force is therefore averaged in the frame propagated by the gyro.
 //! The tilt of this frame does not affect the norm of the mean.
 //!
-//! An accelerometer with a scale error s reads a force that is too long by the factor 1 + s,
-//! whatever the rate. With the mean force f̄ and the rate H' about it, a vehicle with the speed V
-//! reads
+//! An accelerometer with a scale error s reads a force that is too large by the factor 1 + s at
+//! every rate. With the mean force f̄ and the rate H' about it, a vehicle with the speed V reads
 //!
 //! f̄²/g² = (1 + s)² + (V/g)² H'²,
 //!

@@ -85,8 +85,8 @@ const TILT_WALK_PER_RATE: f64 = 2.5e-4;
 const MAX_RATE_RAD_S: f64 = 100.0;
 /// Rate assumed during a gyro outage, rad/s. A body turned over by hand rotates at about this rate.
 pub(super) const ASSUMED_UNOBSERVED_RATE_RAD_S: f64 = 3.0;
-/// Standard deviation of an initial level, rad. It allows for a body that is handled, with an
-/// acceleration of 3 m/s², when the level is initialised.
+/// Standard deviation of an initial level, rad. It allows for a body that is moved by hand with an
+/// acceleration of 3 m/s² when the level is initialised.
 const INITIAL_LEVEL_SD_RAD: f64 = 0.3;
 /// Standard deviation of a level after a tilt fault, rad. It allows for a vehicle that accelerates
 /// by 1 m/s² when the level is re-initialised.

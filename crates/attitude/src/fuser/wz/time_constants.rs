@@ -62,7 +62,7 @@ const TILT_WALK_PER_RATE: f64 = 1e-3;
 /// of the remaining part once it has found the bias.
 const REMAINING_BIAS_FRACTION: f64 = 0.1;
 /// Largest mean acceleration over T1, divided by g. It limits the effect of a clipped or broken
-/// accelerometer. A body reaches 10 m/s at this acceleration.
+/// accelerometer. At this acceleration, a body reaches 10 m/s within T1.
 const MAX_MEAN_ACCELERATION: f64 = 0.5;
 /// Upper limit of T2 P/S, where P is the square of the estimated tilt error about one axis. The
 /// acceleration causes a tilt error with the variance S/(2 T2). With the value 2, the limit applies
@@ -73,7 +73,7 @@ const MAX_T2_P_PER_S: f64 = 2.0;
 const CHANGE_S: f64 = 2.0;
 /// Largest rate that enters the mean square, rad/s.
 const MAX_RATE_RAD_S: f64 = 100.0;
-/// Number of Newton steps. They make T2 accurate to 1 % over its range.
+/// Number of Newton steps. This number makes T2 accurate to 1 % over its range.
 const NEWTON_STEPS: usize = 4;
 
 /// Time constant T2 of the tilt, adapted to the motion.

@@ -1,10 +1,10 @@
 //! Crossed trials: the movement of one trial of BROAD in the magnetic field of another.
 //!
 //! Heading errors depend mainly on the magnetic disturbance at the place of the movement, and each
-//! recording has only one place. Motion capture gives the field of each trial in earth axes, so a
-//! movement can be combined with the fields of six other places. The field is mirrored at random,
-//! so that an estimator has no advantage from trusting its first heading. Random scale and axis
-//! errors are added to the gyro.
+//! recording has only one place. Motion capture gives the magnetic field of each trial in earth
+//! axes, so a movement can be combined with the fields of six other places. The field is mirrored
+//! at random, so that an estimator has no advantage from trusting its first heading. Random scale
+//! and axis errors are added to the gyro.
 
 use super::{
     rng::Rng,
@@ -39,7 +39,7 @@ pub(crate) fn crossed_rows(movement: &Trial, place: &Trial, seed: u64) -> Vec<Ro
     let mut rows = movement.rows.clone();
     for (tick, row) in rows.iter_mut().enumerate() {
         row.rate_rad_s = (gyro * Vector3::from(row.rate_rad_s)).into();
-        // The disturbance of the place is stretched to the duration of this movement.
+        // The magnetic disturbance of `place` is stretched to the duration of `movement`.
         let share = tick.saturating_sub(from) as f64 / (to + 1 - from) as f64;
         let moving_ut = moving_ut.get((share * moving_ut.len() as f64) as usize).filter(|_| tick >= from);
         let place_ut = moving_ut.unwrap_or(&at_rest_ut).component_mul(&mirror);

@@ -16,11 +16,11 @@ use super::recorded::Recording;
 
 /// Ideal 68 % and 95 % quantiles of an error in one axis, in standard deviations.
 ///
-/// They are those of the magnitude of a normally distributed error.
+/// The ideal error is normally distributed.
 const ONE_AXIS: [f64; 2] = [1.0, 2.0];
 /// Ideal 68 % and 95 % quantiles of an error in two axes, in standard deviations of one axis.
 ///
-/// They are those of the magnitude of a normally distributed error.
+/// The ideal error is normally distributed.
 const TWO_AXES: [f64; 2] = [1.51, 2.45];
 
 /// Chain of the default gyro and accel stages and a fuser.

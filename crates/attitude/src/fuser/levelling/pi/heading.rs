@@ -60,7 +60,7 @@ impl Heading {
         Self { known: true, drift_sd_rad: sd_rad.min(PI), turning_s: 0.0 }
     }
 
-    /// Increases the uncertainty by the drift due to the unknown part of the bias.
+    /// Increases the uncertainty by the drift that the bias error causes over `dt_s`.
     pub(super) fn advance(&mut self, bias_sd_rad_s: f64, dt_s: f64) {
         self.drift_sd_rad = (self.drift_sd_rad + bias_sd_rad_s * dt_s).min(PI);
     }

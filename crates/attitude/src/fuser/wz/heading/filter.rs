@@ -26,8 +26,8 @@
 //!   minute, although β represents drift that does not depend on motion. The level filter estimates
 //!   the scale error as well, and its variance limits the variance of κ.
 //! - d fades with the distance that the body has moved, and only slowly while the body stays,
-//!   because a sensor that does not move learns nothing about the field elsewhere. It is reset
-//!   whenever a movement or a rest starts.
+//!   because a sensor that does not move cannot measure the field elsewhere. It is reset whenever a
+//!   movement or a rest starts.
 //! - p rotates as e does. When the body rests at the same site again, the measurement 0 = e + d − p
 //!   + v reveals the drift of the gyro since the previous rest there.
 //!
