@@ -7,7 +7,7 @@ use runtime::{Pace, ServiceConfig, ServiceContext, ServiceLoop, service_config::
 
 use crate::Failure;
 
-/// Counted ticks.
+/// Number of counted ticks.
 pub(crate) const TICKS: u64 = 1000;
 /// Ticks before counting starts. After them all connections exist and every topic is full, so that
 /// each message replaces an old one.

@@ -40,7 +40,8 @@ impl Attitude {
         values::angles(py, self.0.angles_in(self::frame(frame)?))
     }
 
-    /// Heading, rad, clockwise from above, [0, 2π). Its zero is `heading_reference`.
+    /// Heading, rad, clockwise from above, [0, 2π). It is zero in the direction
+    /// `heading_reference`.
     #[getter]
     fn heading_rad(&self) -> f64 {
         self.0.heading_rad()

@@ -140,8 +140,8 @@ impl Ahrs {
 
     /// Process a gyro and accelerometer sample and return the new attitude.
     ///
-    /// The newest field and fix since the previous sample take effect. The arguments are those of
-    /// `update`.
+    /// The newest magnetic field and the newest fix stored since the previous sample take effect.
+    /// The arguments are those of `update`.
     fn update_imu(&mut self, gyro_rad_s: [f64; 3], accel_m_s2: [f64; 3], dt_s: f64) -> Attitude {
         Attitude(self.filter.update_imu(gyro_rad_s, accel_m_s2, dt_s))
     }

@@ -28,11 +28,11 @@ settings! {
 /// Slot that a stage fills.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Slot {
-    /// Integrates the rate.
+    /// Integrates the body rate.
     Gyro,
     /// Computes the up direction from the force.
     Accel,
-    /// Fuses the sensors.
+    /// Fuses the sensors into one attitude.
     Fuser,
     /// Computes the angles and the heading.
     Course,
@@ -66,11 +66,11 @@ impl Slot {
 /// Sensor that can be calibrated.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Sensor {
-    /// Gyro.
+    /// Gyro, calibrated to rad/s.
     Gyro,
-    /// Accelerometer.
+    /// Accelerometer, calibrated to m/s².
     Accel,
-    /// Magnetometer.
+    /// Magnetometer, calibrated to µT.
     Mag,
 }
 
@@ -411,25 +411,25 @@ impl fmt::Debug for Name {
 pub enum BuildError {
     /// A value is outside its range or not a number.
     OutOfRange {
-        /// Parameter with its range.
+        /// Parameter with its allowed range.
         parameter: &'static attitude::parameters::Parameter,
         /// Rejected value.
         value: f64,
     },
     /// The slot has no stage of this name.
     UnknownStage {
-        /// Slot.
+        /// Slot of the requested stage.
         slot: Slot,
-        /// Rejected name.
+        /// Rejected stage name.
         name: Name,
     },
     /// The stage has no parameter of this name.
     UnknownParameter {
-        /// Slot.
+        /// Slot that contains the stage.
         slot: Slot,
-        /// Rejected name.
+        /// Rejected parameter name.
         name: Name,
-        /// Parameters of the stage.
+        /// Parameters that the stage has.
         known: &'static [attitude::parameters::Parameter],
     },
 }

@@ -16,11 +16,11 @@ const MIN_PITCH_COSINE: f64 = 1e-8;
 /// (22).
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct Angles {
-    /// ψ, rad, (−π, π].
+    /// Yaw ψ, counter-clockwise from above, rad, (−π, π].
     pub yaw_rad: f64,
-    /// ϑ, rad, [−π/2, π/2].
+    /// Pitch ϑ, nose up, rad, [−π/2, π/2].
     pub pitch_rad: f64,
-    /// γ, rad, (−π, π].
+    /// Roll γ, right side down, rad, (−π, π].
     pub roll_rad: f64,
 }
 

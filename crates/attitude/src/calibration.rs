@@ -93,7 +93,7 @@ pub struct Mounting {
 }
 
 impl Default for Mounting {
-    /// Returns `x-right-y-forward`: the sensor's axes are the body's.
+    /// Returns `x-right-y-forward`, the mounting of a sensor with the axes of the body.
     fn default() -> Self {
         Self { matrix: Matrix3::identity() }
     }

@@ -79,7 +79,7 @@ flags! {
 }
 
 impl Flags {
-    /// No flag.
+    /// Empty set of flags.
     pub const NONE: Self = Self(0);
 
     /// Flags that do not indicate a problem.

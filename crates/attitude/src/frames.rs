@@ -30,7 +30,7 @@ pub enum Frame {
     NedFrd,
 }
 
-/// Body axes.
+/// Axes of the body.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum Body {
     /// Right, forward, up. These are the native axes.
@@ -42,7 +42,7 @@ pub enum Body {
     Frd,
 }
 
-/// Reference axes.
+/// Axes of the reference frame.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum Earth {
     /// East, north, up. These are the native axes.

@@ -15,13 +15,13 @@ pub struct Parameter {
     pub name: &'static str,
     /// Unit; empty for a dimensionless number.
     pub unit: &'static str,
-    /// Default value.
+    /// Default value, in `unit`.
     pub default: f64,
-    /// Minimum allowed value.
+    /// Minimum allowed value, in `unit`.
     pub min: f64,
-    /// Maximum allowed value.
+    /// Maximum allowed value, in `unit`.
     pub max: f64,
-    /// Meaning in one sentence.
+    /// Meaning of the parameter, in one sentence.
     pub description: &'static str,
 }
 
@@ -43,7 +43,7 @@ pub trait Parameters {
 pub enum ParameterError {
     /// The stage has no parameter of that name.
     Unknown {
-        /// Parameters of the stage.
+        /// Parameters that the stage has.
         known: &'static [Parameter],
     },
     /// The value is outside the allowed range or not a number.

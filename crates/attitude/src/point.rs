@@ -50,7 +50,7 @@ impl Chart {
 pub struct Point {
     /// Coordinates u + j v, dimensionless.
     pub w: Complex<f64>,
-    /// Chart of `w`.
+    /// Chart in which `w` is given.
     pub chart: Chart,
 }
 

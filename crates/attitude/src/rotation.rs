@@ -23,7 +23,7 @@ impl Default for Rotation {
 }
 
 impl Rotation {
-    /// No rotation.
+    /// Identity rotation.
     pub const IDENTITY: Self = Self { p: Complex::new(1.0, 0.0), s: Complex::new(0.0, 0.0) };
 
     /// Creates δ = exp(½ φ) from a rotation vector φ, rad, body axes.

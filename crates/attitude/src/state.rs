@@ -38,7 +38,7 @@ pub struct Attitude {
 /// Result of an operation on an attitude.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct AttitudeUpdate {
-    /// New attitude.
+    /// Attitude after the operation.
     pub attitude: Attitude,
     /// Factor e^{−j Δz} by which to multiply horizontal vectors in the level frame.
     ///

@@ -23,9 +23,9 @@ pub const SHARED_MEMORY_REMEDY: &str =
 /// Shared memory of this machine.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct SharedMemory {
-    /// Free bytes.
+    /// Free shared memory, bytes.
     pub free_bytes: u64,
-    /// Total bytes.
+    /// Total size of the shared memory, bytes.
     pub size_bytes: u64,
 }
 

@@ -21,7 +21,7 @@ pub(crate) struct NormalEquations<const N: usize> {
     block_score: SVector<f64, N>,
     /// Σ s sᵀ over the completed blocks, each with the score s.
     block_scatter: SMatrix<f64, N, N>,
-    /// Σ w² JᵀJ.
+    /// Sum Σ w² JᵀJ over the residuals.
     squared_information: SMatrix<f64, N, N>,
     count: usize,
     blocks: usize,
@@ -71,7 +71,7 @@ impl<const N: usize> NormalEquations<N> {
         step.iter().all(|part| part.is_finite()).then_some(step)
     }
 
-    /// Returns Σ w r².
+    /// Returns the cost Σ w r² of the residuals r with the weights w.
     pub(crate) fn cost(&self) -> f64 {
         self.cost
     }

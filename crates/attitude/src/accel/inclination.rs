@@ -17,7 +17,7 @@ pub const MIN_FORCE_M_S2: f64 = 0.5;
 /// Measured up direction.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct Inclination {
-    /// Up direction w_acc.
+    /// Measured up direction, as the point w_acc.
     pub up: Point,
     /// Specific force, m/s², body axes.
     pub force_m_s2: Vector3<f64>,

@@ -20,7 +20,7 @@ settings! {
     }
 }
 
-/// Course stage `angles`.
+/// Course stage `angles`: the course is minus the yaw, plus the declination.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct AnglesCourse {
     settings: AnglesSettings,

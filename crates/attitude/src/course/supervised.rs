@@ -50,7 +50,7 @@ pub struct SupervisedReading {
 /// Course stage with the supervision of its inputs and outputs.
 #[derive(Debug, Clone)]
 pub struct SupervisedCourse<S> {
-    /// The stage.
+    /// Course stage, which is reset after an invalid output.
     pub resetting: ResettingStage<S>,
     state: SupervisedCourseState,
 }
@@ -58,7 +58,7 @@ pub struct SupervisedCourse<S> {
 /// State of a [`SupervisedCourse`], excluding its stage.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct SupervisedCourseState {
-    /// Newest attitude.
+    /// Newest fused attitude, used again while the attitude is missing.
     pub attitude: Attitude,
     /// Number of resets of the fuser, followed by the number of resets of the course.
     pub reset_counts: [u64; 2],
@@ -75,7 +75,7 @@ impl Default for SupervisedCourseState {
 }
 
 impl SupervisedCourseState {
-    /// Returns why the state is invalid, or `None` if it is valid.
+    /// Returns the reason why the state is invalid, or `None` if it is valid.
     pub fn validation_error(&self) -> Option<&'static str> {
         let is_finite = self.attitude.quaternion().coords.norm().is_finite() && self.jump.iter().all(|x| x.is_finite());
         (!is_finite).then_some("a number that is not finite")

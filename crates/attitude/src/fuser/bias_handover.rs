@@ -100,7 +100,7 @@ impl HandedOverBias {
         if bias_sd_rad_s <= stored.bias_sd_rad_s { Estimate { bias_rad_s, bias_sd_rad_s, ..stored } } else { stored }
     }
 
-    /// Returns why the state is invalid, or `None` if it is valid.
+    /// Returns the reason why the state is invalid, or `None` if it is valid.
     pub(super) fn validation_error(&self) -> Option<&'static str> {
         let negative = self.sd_rad_s < 0.0 || self.age_s < 0.0 || self.since_update_s < 0.0;
         let negative = negative.then_some("an age or standard deviation below zero");

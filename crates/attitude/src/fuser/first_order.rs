@@ -116,7 +116,7 @@ impl FirstOrder {
         }
     }
 
-    /// Returns why the state is invalid, or `None` if it is valid.
+    /// Returns the reason why the state is invalid, or `None` if it is valid.
     pub(super) fn validation_error(&self) -> Option<&'static str> {
         self.tilt_uncertainty
             .validation_error()

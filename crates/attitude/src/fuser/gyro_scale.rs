@@ -15,11 +15,11 @@ pub struct GyroScale {
 }
 
 impl GyroScale {
-    /// Unknown scale error.
+    /// Unknown scale error: zero, with an infinite standard deviation.
     pub const UNKNOWN: Self =
         Self { error: Vector3::new(0.0, 0.0, 0.0), sd: Vector3::new(f64::INFINITY, f64::INFINITY, f64::INFINITY) };
 
-    /// Returns why the value is invalid, or `None` if it is valid.
+    /// Returns the reason why the value is invalid, or `None` if it is valid.
     pub(super) fn validation_error(&self) -> Option<&'static str> {
         if !self.error.iter().all(|error| error.abs() <= MAX_ERROR) {
             return Some("a gyro scale error above 0.1");

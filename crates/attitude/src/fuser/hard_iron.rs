@@ -16,10 +16,10 @@ pub struct HardIron {
 }
 
 impl HardIron {
-    /// Unknown hard iron.
+    /// Unknown hard iron: zero, with an infinite standard deviation.
     pub const UNKNOWN: Self = Self { field_ut: Vector3::new(0.0, 0.0, 0.0), sd_ut: f64::INFINITY };
 
-    /// Returns why the value is invalid, or `None` if it is valid.
+    /// Returns the reason why the value is invalid, or `None` if it is valid.
     pub(super) fn validation_error(&self) -> Option<&'static str> {
         if !self.field_ut.iter().all(|x| x.abs() <= MAX_FIELD_UT) {
             return Some("a hard iron above 10,000 µT");

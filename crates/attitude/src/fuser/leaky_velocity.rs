@@ -28,7 +28,7 @@ pub struct LeakyVelocity {
 }
 
 impl LeakyVelocity {
-    /// Unknown velocity.
+    /// Unknown velocity: zero, with an infinite standard deviation.
     pub const UNKNOWN: Self = Self { velocity_m_s: Complex::new(0.0, 0.0), sd_m_s: f64::INFINITY };
 
     /// Creates the value from a loop's velocity.
@@ -61,7 +61,7 @@ impl LeakyVelocity {
         Self { velocity_m_s: self.velocity_m_s * Complex::new(cos, sin), ..self }
     }
 
-    /// Returns why the value is invalid, or `None` if it is valid.
+    /// Returns the reason why the value is invalid, or `None` if it is valid.
     pub(super) fn validation_error(&self) -> Option<&'static str> {
         let valid_velocity = self.velocity_m_s.norm_sqr() <= MAX_VELOCITY_M_S * MAX_VELOCITY_M_S;
         let valid_sd = self.sd_m_s >= 0.0;

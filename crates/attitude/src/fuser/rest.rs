@@ -212,7 +212,7 @@ impl RestDetector {
         self.is_detected().then_some(self.bias_rad_s)
     }
 
-    /// Returns why the state is invalid, or `None` if it is valid.
+    /// Returns the reason why the state is invalid, or `None` if it is valid.
     pub(super) fn validation_error(&self) -> Option<&'static str> {
         (self.quiet_s < 0.0).then_some("a time of rest below zero")
     }

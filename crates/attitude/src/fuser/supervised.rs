@@ -150,16 +150,16 @@ pub struct SupervisedState {
     pub reset_counter: u64,
     /// Duration of the current rate outage, s.
     pub rate_outage_s: f64,
-    /// Newest attitude.
+    /// Newest fused attitude.
     pub attitude: Attitude,
-    /// Newest specific force, m/s².
+    /// Newest specific force as measured, m/s², body axes.
     pub force_m_s2: [f64; 3],
     /// Set if the body has rotated since the force last changed.
     pub has_rotated: bool,
 }
 
 impl SupervisedState {
-    /// Returns why the state is invalid, or `None` if it is valid.
+    /// Returns the reason why the state is invalid, or `None` if it is valid.
     pub fn validation_error(&self) -> Option<&'static str> {
         let previous = self.previous_motion.map_or(Attitude::default(), |(attitude, _)| attitude);
         let are_finite =
@@ -220,7 +220,7 @@ impl<S: FuserStage> SupervisedFuser<S> {
         Self { resetting: ResettingStage::new(stage), state: SupervisedState::default() }
     }
 
-    /// Returns the stage.
+    /// Returns the supervised stage.
     pub fn stage(&self) -> &S {
         &self.resetting.stage
     }

@@ -34,7 +34,7 @@ pub struct GyroTick {
 /// Gyro stage with the supervision of its inputs and outputs.
 #[derive(Debug, Clone)]
 pub struct SupervisedGyro<S> {
-    /// The stage.
+    /// Gyro stage, which is reset after an invalid output.
     pub resetting: ResettingStage<S>,
     state: SupervisedGyroState,
 }

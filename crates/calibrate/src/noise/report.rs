@@ -18,7 +18,7 @@ pub struct NoiseReport {
     pub rate_hz: f64,
     /// Parts of the recording that are used.
     pub rests: Vec<RestSpan>,
-    /// Gyro and accelerometer.
+    /// Noise of gyro and accelerometer.
     pub sensors: Vec<SensorNoise>,
     /// Remarks for the user.
     pub notes: Vec<String>,
@@ -53,7 +53,7 @@ pub struct SensorNoise {
 /// Noise of an axis.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct AxisNoise {
-    /// Name.
+    /// Name of the axis: x, y or z.
     pub axis: &'static str,
     /// Angle random walk, °/√s, or velocity random walk, m/s/√s.
     pub random_walk: Estimate,
@@ -74,7 +74,7 @@ pub(super) type Selector = fn(&AxisNoise) -> &Estimate;
 pub enum Estimate {
     /// The recording determines the coefficient.
     Determined {
-        /// Value.
+        /// Value of the coefficient.
         value: f64,
         /// Lower and upper end of the confidence interval.
         interval: [f64; 2],
@@ -95,7 +95,7 @@ pub enum Estimate {
 pub struct AllanPoint {
     /// Interval τ, s.
     pub tau_s: f64,
-    /// Allan deviation.
+    /// Allan deviation, °/s or m/s².
     pub deviation: f64,
     /// Lower and upper end of the confidence interval of the deviation.
     ///

@@ -76,7 +76,7 @@ impl Consistency {
         }
     }
 
-    /// Returns why the state is invalid, or `None` if it is valid.
+    /// Returns the reason why the state is invalid, or `None` if it is valid.
     pub(super) fn validation_error(&self) -> Option<&'static str> {
         (!(0.0..=MAX_INNOVATION * MAX_INNOVATION).contains(&self.mean))
             .then_some("a mean of squared innovations out of range")

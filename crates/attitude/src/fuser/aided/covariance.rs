@@ -27,7 +27,7 @@ pub(super) const GYRO_UP: usize = 8;
 pub(super) const ACCEL: usize = 9;
 /// Index of the latency, s.
 pub(super) const LATENCY: usize = 12;
-/// Number of components.
+/// Number of components of the error state.
 pub(super) const COUNT: usize = 13;
 
 pub(super) type ErrorState = SVector<f64, COUNT>;
@@ -57,7 +57,7 @@ pub(super) struct Measurement<'a> {
     pub(super) residual: f64,
     /// Non-zero components of h, with their indices.
     pub(super) row: &'a [(usize, f64)],
-    /// Variance of the noise.
+    /// Variance of the measurement noise.
     pub(super) variance: f64,
     /// States that are considered but not corrected (Schmidt–Kalman).
     pub(super) considered: &'a [usize],
@@ -166,7 +166,7 @@ impl Covariance {
         }
     }
 
-    /// Returns why the covariance is invalid, or `None` if it is valid.
+    /// Returns the reason why the covariance is invalid, or `None` if it is valid.
     ///
     /// A variance may be zero. The pivots of P = L D Lᵀ may be negative only by rounding.
     pub(super) fn validation_error(&self) -> Option<&'static str> {

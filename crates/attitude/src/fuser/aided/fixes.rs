@@ -14,7 +14,7 @@ const MAX_WIND_COURSE_SD_RAD: f64 = 0.8;
 const MIN_MOVING_SPEED_M_S: f64 = 1.5;
 /// Time for which the track must be usable before it sets the course, s.
 const MIN_TRACK_DURATION_S: f64 = 0.35;
-/// Largest plausible velocity, m/s.
+/// Largest plausible component of a satellite velocity, m/s.
 const MAX_VELOCITY_M_S: f64 = 2e3;
 /// Smallest standard deviation accepted from a receiver, m/s.
 const MIN_SD_M_S: f64 = 0.02;

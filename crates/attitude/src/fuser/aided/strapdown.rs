@@ -10,7 +10,7 @@ use crate::{EARTH_RATE_RAD_S, GRAVITY_M_S2, Matrix3, Vector3, gyro::Motion, rota
 
 /// Largest plausible component of a vehicle's specific force, m/s².
 const MAX_FORCE_M_S2: f64 = 1e3;
-/// Largest component of a vehicle's velocity, m/s.
+/// Limit to which each component of the velocity is clamped, m/s.
 const MAX_VELOCITY_M_S: f64 = 3e3;
 /// Averaging time of the rate of turn, s.
 const TURN_RATE_MEMORY_S: f64 = 1.0;

@@ -11,9 +11,9 @@ pub(super) struct IntervalSums {
     pub(super) duration_s: f64,
     /// Time without a specific force since the last propagation of the covariance, s.
     pub(super) force_outage_s: f64,
-    /// ∫ f dt, m/s, reference axes.
+    /// Integral of the specific force, ∫ f dt, m/s, reference axes.
     pub(super) force_m_s: Vector3<f64>,
-    /// ∫ |ω|² dt, rad²/s.
+    /// Integral of the squared rate, ∫ |ω|² dt, rad²/s.
     pub(super) rate2_rad2_s: f64,
     last_force_m_s2: Vector3<f64>,
     /// Sample-to-sample noise of the specific force, as the power density of white noise, m²/s³.

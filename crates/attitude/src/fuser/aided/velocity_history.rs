@@ -13,12 +13,12 @@ struct Entry {
     interval_s: f64,
 }
 
-/// Velocities, newest first.
+/// Antenna velocities, newest first.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub(super) struct VelocityHistory([Entry; COUNT]);
 
 impl VelocityHistory {
-    /// Adds a velocity. `interval_s` is the time since the previous one.
+    /// Adds an antenna velocity. `interval_s` is the time since the previous velocity.
     pub(super) fn push(&mut self, velocity_m_s: Vector3<f64>, interval_s: f64) {
         self.0.rotate_right(1);
         self.0[0] = Entry { velocity_m_s, interval_s };

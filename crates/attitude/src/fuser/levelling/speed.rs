@@ -8,7 +8,7 @@ use crate::{gnss::Fix, scalars::scalars};
 /// speed increment is used once.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub(super) struct GroundSpeed {
-    /// Speed V, m/s.
+    /// Speed over ground V, m/s.
     speed_m_s: f64,
     /// Derivative V' of the speed, m/s².
     speed_rate_m_s2: f64,

@@ -78,12 +78,12 @@ const MAX_RATE_RAD_S: f64 = 100.0;
 #[derive(Debug, Clone, PartialEq)]
 struct ForceLine {
     intercept: f64,
-    /// Slope (V/g)², s².
+    /// Slope (V/g)² of the line, s², with V the speed of the vehicle.
     slope_s2: f64,
     intercept_variance: f64,
     covariance_s2: f64,
     slope_variance_s4: f64,
-    /// Mean squared residual.
+    /// Mean squared residual of the line.
     noise_variance: f64,
 }
 

@@ -517,7 +517,7 @@ impl GyroErrorFilter {
         (self.since_update_s, self.force_dt_m_s)
     }
 
-    /// Updates the filter.
+    /// Updates the filter with the samples accumulated since the last update.
     #[inline(never)]
     pub(super) fn update(&mut self, input: &UpdateInput, settings: &Settings) -> UpdateOutcome {
         let UpdateInput { tilt_correction_rad, bias_at_rest, loop_velocity_s, t2_s, .. } = *input;
@@ -834,7 +834,7 @@ impl GyroErrorFilter {
         }
     }
 
-    /// Returns why the state is invalid, or `None` if it is valid.
+    /// Returns the reason why the state is invalid, or `None` if it is valid.
     pub(super) fn validation_error(&self) -> Option<&'static str> {
         let asymmetry = (self.covariance - self.covariance.transpose()).amax();
         let indefinite = asymmetry > 1e-12 || self.covariance.cholesky().is_none();

@@ -57,7 +57,7 @@ impl InitialVelocityEstimator {
         libm::sqrt(self.variance_s2) * libm::fabs(self.sensitivity[1]) * GRAVITY_M_S2
     }
 
-    /// Returns why the state is invalid, or `None` if it is valid.
+    /// Returns the reason why the state is invalid, or `None` if it is valid.
     pub(super) fn validation_error(&self) -> Option<&'static str> {
         (self.variance_s2 < 0.0).then_some("a variance below zero")
     }

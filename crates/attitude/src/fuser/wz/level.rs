@@ -61,7 +61,7 @@ impl core::ops::Add for LoopError {
 pub(super) struct LoopResponse {
     c0: f64,
     c1: f64,
-    /// 1/(T1 T2), 1/s².
+    /// Stiffness of the loop, 1/(T1 T2), 1/s².
     stiffness: f64,
 }
 
@@ -115,7 +115,7 @@ impl Level {
         self.attitude
     }
 
-    /// Returns e^{jz}.
+    /// Returns e^{jz}, the rotation from the level frame to the frame of fixed azimuth.
     #[inline]
     pub(super) fn azimuth(&self) -> Complex<f64> {
         self.azimuth
@@ -148,7 +148,7 @@ impl Level {
         0.5 / (GRAVITY_M_S2 * T1_S * self.time_constant.t2_s())
     }
 
-    /// Restarts the time constant of the tilt, because the level is uncertain.
+    /// Resets the time constant of the tilt, because the level is uncertain.
     pub(super) fn restart_time_constant(&mut self) {
         self.time_constant = TiltTimeConstant::default();
     }

@@ -60,7 +60,7 @@ impl InnovationNoise {
         (self.mean_square * factor).max(square / MAX_INNOVATION2)
     }
 
-    /// Returns why the state is invalid, or `None` if it is valid.
+    /// Returns the reason why the state is invalid, or `None` if it is valid.
     pub(super) fn validation_error(&self) -> Option<&'static str> {
         (self.mean_square < 0.0)
             .then_some("a mean square below zero")

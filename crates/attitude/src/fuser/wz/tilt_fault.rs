@@ -25,11 +25,11 @@ const MAX_EXCESS_FRACTION: f64 = 0.5;
 /// Tilt fault detector, which sums innovations for as long as they keep their direction.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct TiltFaultMonitor {
-    /// ∫ innovation/g dt.
+    /// Time integral of the innovation divided by g, s.
     innovation_sum_s: Complex<f64>,
-    /// ∫ horizontal part of the levelled force/g dt.
+    /// Time integral of the horizontal part of the levelled force divided by g, s.
     force_sum_s: Complex<f64>,
-    /// ∫ (|f|/g − 1) dt, where f is the force.
+    /// Time integral of |f|/g − 1, where f is the force, s.
     excess_sum_s: f64,
     duration_s: f64,
 }
@@ -71,7 +71,7 @@ impl TiltFaultMonitor {
         is_level_wrong.then(|| innovation_sum_s / duration_s)
     }
 
-    /// Returns why the state is invalid, or `None` if it is valid.
+    /// Returns the reason why the state is invalid, or `None` if it is valid.
     pub(super) fn validation_error(&self) -> Option<&'static str> {
         (self.duration_s < 0.0).then_some("a duration of tilt fault detection below zero")
     }

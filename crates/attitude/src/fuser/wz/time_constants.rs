@@ -129,7 +129,7 @@ impl TiltTimeConstant {
         self.t2_s
     }
 
-    /// Processes an update.
+    /// Adapts the time constant to the motion over an interval.
     pub(super) fn update(&mut self, observation: &MotionObservation) {
         let MotionObservation { acceleration, tilt_error_rad, rate2_rad2_s2, bias_sd_rad_s, interval_s } = *observation;
         self.age_s = (self.age_s + interval_s).min(MAX_T2_S / GROWTH);
@@ -166,7 +166,7 @@ impl TiltTimeConstant {
         REFERENCE_S * self.reference_tilt_rad.norm_sqr()
     }
 
-    /// Returns why the state is invalid, or `None` if it is valid.
+    /// Returns the reason why the state is invalid, or `None` if it is valid.
     pub(super) fn validation_error(&self) -> Option<&'static str> {
         let Self { t2_s, density_s, rate_variance_rad2_s2, memory_s, age_s, .. } = *self;
         let in_range = (INITIAL_T2_S..=MAX_T2_S).contains(&t2_s) && age_s >= 0.0 && memory_s > 0.0;

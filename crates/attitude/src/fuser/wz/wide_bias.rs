@@ -153,7 +153,7 @@ impl WideBiasFilter {
         self.suspected_rad_s
     }
 
-    /// Returns why the state is invalid, or `None` if it is valid.
+    /// Returns the reason why the state is invalid, or `None` if it is valid.
     pub(super) fn validation_error(&self) -> Option<&'static str> {
         (self.age_s < 0.0 || self.apart_s < 0.0 || self.suspected_rad_s < 0.0)
             .then_some("a time or rate of the second bias filter below zero")

@@ -8,7 +8,7 @@ use crate::{Complex, gnss::Fix, scalars::scalars};
 
 /// Speed below which the direction of a velocity, and thus the azimuth, is irrelevant, m/s.
 const SLOW_SPEED_M_S: f64 = 0.7;
-/// Minimum cosine of the angle between two tracks that confirm each other: 30°.
+/// Minimum cosine of the angle between two tracks that confirm each other (30°).
 const MIN_TRACK_COSINE: f64 = 0.866;
 
 /// Velocity increment between the validity times of two fixes, measured in two ways.
@@ -20,7 +20,7 @@ pub(super) struct MatchedIncrement {
     pub(super) by_force_m_s: Complex<f64>,
     /// Difference between the velocities of the fixes, east + j north, m/s.
     pub(super) by_fixes_m_s: Complex<f64>,
-    /// Duration, s.
+    /// Time between the validity times of the two fixes, s.
     pub(super) span_s: f64,
 }
 
@@ -29,7 +29,7 @@ pub(super) struct MatchedIncrement {
 pub(super) struct Track {
     /// Direction, east + j north, of unit length.
     pub(super) direction: Complex<f64>,
-    /// Age, s.
+    /// Age of the track on arrival, s.
     pub(super) age_s: f64,
     /// Set if the previous fix had a track, too, and the two tracks agree.
     pub(super) is_confirmed: bool,

@@ -20,7 +20,7 @@ pub(super) const MAX_AGE_S: f64 = 0.8;
 pub(super) struct Increment {
     /// Change of velocity, platform axes, m/s.
     pub(super) velocity_m_s: Complex<f64>,
-    /// Duration, s.
+    /// Length of the time span, s.
     pub(super) span_s: f64,
 }
 

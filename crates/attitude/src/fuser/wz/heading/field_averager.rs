@@ -33,11 +33,11 @@ pub(super) struct IntervalMeans {
     pub(super) gyro_outage_s: f64,
     /// Number of windows with a magnetic field sample. If it is zero, the means below are zero.
     pub(super) windows: f64,
-    /// R'm, µT, reference axes.
+    /// Mean of R'm, the magnetic field in reference axes, µT.
     pub(super) field_ut: [f64; 3],
-    /// R' by rows, body axes to reference axes.
+    /// Mean of R' by rows, body axes to reference axes.
     pub(super) axes: [[f64; 3]; 3],
-    /// R'ω, rad/s, reference axes.
+    /// Mean of R'ω, the rate in reference axes, rad/s.
     pub(super) rate_rad_s: [f64; 3],
     /// Rotation about the vertical contributed by each body axis, rad.
     pub(super) vertical_rotation_rad: [f64; 3],

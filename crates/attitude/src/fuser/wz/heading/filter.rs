@@ -79,15 +79,19 @@ const DRIFT_WALK_PER_RATE: f64 = 1.5e-5;
 /// Additional random walk of the drift rate while the body vibrates, rad/s/√s. It is needed because
 /// the bias of a vibrating gyro differs from that at rest.
 const VIBRATION_DRIFT_WALK_RAD_S: f64 = 2.2e-4;
-/// Factor applied to the level filter's standard deviation of the scale error. The largest standard
-/// deviation of κ is the root sum of squares of this product and [`SCALE_SD_FLOOR`].
+/// Factor applied to the level filter's standard deviation of the gyro scale error.
+///
+/// The largest standard deviation of the scale error κ is the root sum of squares of this product
+/// and [`SCALE_SD_FLOOR`].
 const SCALE_SD_FACTOR: f64 = 1.5;
-/// Floor of the largest standard deviation of κ. It applies even if the level filter's standard
-/// deviation of the scale error is zero.
+/// Floor of the largest standard deviation of the gyro scale error κ.
+///
+/// It applies even if the level filter's standard deviation of the scale error is zero.
 const SCALE_SD_FLOOR: f64 = 3e-4;
-/// Initial standard deviation of κ. Data sheets of MEMS gyros allow at most 0.5 to 1 %.
+/// Initial standard deviation of the gyro scale error κ. Data sheets of MEMS gyros allow at most
+/// 0.5 to 1 %.
 const SCALE_SD: f64 = 0.003;
-/// Random walk of κ, 1/√s: the effect of a few degrees of warming in an hour.
+/// Random walk of the gyro scale error κ, 1/√s: the effect of a few degrees of warming in an hour.
 const SCALE_WALK: f64 = 1e-5;
 /// Random walk of the gyro heading, rad/√s.
 const HEADING_WALK_RAD: f64 = 2e-4;
@@ -298,8 +302,10 @@ impl FieldFilter {
         }
     }
 
-    /// Applies e + d = p, which holds if the body is back at the last rest site. Returns `true` if
-    /// the innovation passed the gate.
+    /// Applies the measurement e + d = p. Returns `true` if the innovation passed the gate.
+    ///
+    /// The equation holds if the body is back at the last rest site. e is the ambient field, d the
+    /// local disturbance and p the magnetic field at the last rest site.
     pub(super) fn update_at_rest_site(&mut self) -> bool {
         const VARIANCE_UT2: f64 = REVISIT_SD_UT * REVISIT_SD_UT;
         let [across, along] = [0, 1].map(|i| self.rest_site_column(i));

@@ -29,33 +29,37 @@ use super::{
 };
 use crate::{fuser::wz::settings::Settings, scalars::scalars};
 
-/// Standard deviation added to b or e of a challenger (B or E), µT. It corresponds to a magnet a
-/// few centimetres away, or to a loudspeaker in the same room.
+/// Standard deviation added to the changed field of a challenger (hypothesis B or E), µT.
+///
+/// The changed field is the hard iron in B and the ambient field in E. The value corresponds to a
+/// magnet a few centimetres away, or to a loudspeaker in the same room.
 const CHALLENGER_SD_UT: f64 = 15.0;
 /// Gate on the normalised innovation squared. Regular innovations exceed it in 1 % of cases.
 const GATE: f64 = 11.0;
 /// Largest normalised innovation squared used in a likelihood. Without this limit, a single
 /// disturbance would decide the test.
 const MAX_NIS: f64 = 30.0;
-/// Normalised innovation squared of M above which a disturbance counts as strong, such as that of a
-/// magnet passing close by.
+/// Normalised innovation squared above which a disturbance counts as strong.
+///
+/// It is that of the main filter M. A magnet passing close by exceeds the threshold.
 const STRONG_NIS: f64 = 200.0;
-/// Time for which M uses no magnetic field after a strong disturbance, s.
+/// Time for which the main filter M uses no magnetic field after a strong disturbance, s.
 ///
 /// While a magnet moves away, its field is inside the gate for a moment, but still rotates the
 /// estimated field by degrees.
 const HOLD_S: f64 = 2.0;
-/// Lead at which B replaces M, as twice the log-likelihood ratio.
+/// Lead at which hypothesis B replaces the main filter M, as twice the log-likelihood ratio.
 const WIN_MARGIN: f64 = 85.0;
-/// Minimum difference between the hard irons of B and M for B to replace M, µT.
+/// Minimum difference of the hard iron for hypothesis B to replace the main filter M, µT.
 const MIN_HARD_IRON_CHANGE_UT: f64 = 3.0;
-/// Minimum rotation since the start of the challenge for B to replace M, rad.
+/// Minimum rotation since the start of the challenge for hypothesis B to replace the main filter M,
+/// rad.
 const MIN_CHALLENGE_TURN_RAD: f64 = 2.0;
 /// Evidence subtracted per second of turning.
 const ALLOWANCE_PER_S: f64 = 5.5;
 /// Rate above which the body counts as turning, rad/s.
 const MIN_TURN_RATE_RAD_S: f64 = 0.3;
-/// Time for which B must reject the magnetic field for the challenge to fail, s.
+/// Time for which hypothesis B must reject the magnetic field for the challenge to fail, s.
 const CHALLENGER_REJECTION_TIMEOUT_S: f64 = 0.2;
 /// Duration of a challenge after which it restarts, s.
 const CHALLENGE_TIMEOUT_S: f64 = 50.0;
@@ -63,11 +67,11 @@ const CHALLENGE_TIMEOUT_S: f64 = 50.0;
 /// is also the time for which the field must be rejected before all states that depend on it are
 /// reset. The rejection is counted only while the body turns or the main filter is on probation.
 const REJECTION_TIMEOUT_S: f64 = 60.0;
-/// Time of use after which the magnetic field of M counts as well supported, s. Like the times
-/// below, it is counted only while the body turns.
+/// Time of use after which the magnetic field of the main filter M counts as well supported, s.
+/// Like the times below, it is counted only while the body turns.
 const WELL_SUPPORTED_S: f64 = 20.0;
-/// Shortest time for which another magnetic field must be steady to replace that of M, s.
-/// Hypothesis B needs less time to recognise a field that is fixed to the body.
+/// Shortest time for which another magnetic field must be steady to replace that of the main
+/// filter, s. Hypothesis B needs less time to recognise a field that is fixed to the body.
 const MIN_NEW_FIELD_S: f64 = 10.0;
 /// Value of [`MIN_NEW_FIELD_S`] while the main filter is on probation, s. A passing magnet is near
 /// for less time.
@@ -116,9 +120,9 @@ pub(super) struct HypothesisTest {
     pub(super) main: FieldFilter,
     body: FieldFilter,
     environment: FieldFilter,
-    /// Lead of B over M, as twice the log-likelihood ratio.
+    /// Lead of hypothesis B over the main filter M, as twice the log-likelihood ratio.
     lead_over_main: f64,
-    /// Lead of B over E, as twice the log-likelihood ratio.
+    /// Lead of hypothesis B over hypothesis E, as twice the log-likelihood ratio.
     lead_over_environment: f64,
     challenger_rejected_s: f64,
     challenge_age_s: f64,
@@ -126,12 +130,15 @@ pub(super) struct HypothesisTest {
     accepted_s: f64,
     rejected_s: f64,
     new_field: NewField,
-    /// Time for which M has used the magnetic field while the body turned, s. It is limited to
-    /// [`WELL_SUPPORTED_S`].
+    /// Time for which the main filter M has used the magnetic field while the body turned, s.
+    ///
+    /// It is limited to [`WELL_SUPPORTED_S`].
     supported_s: f64,
-    /// Mean square of the innovations of M in motion, relative to their predicted variance.
+    /// Mean square of the main filter's innovations in motion, relative to their predicted
+    /// variance.
     roughness: f64,
-    /// Remaining time for which M uses no magnetic field after a strong disturbance, s.
+    /// Remaining time for which the main filter M uses no magnetic field after a strong
+    /// disturbance, s.
     hold_s: f64,
     /// Set when the direction of north is invalidated. Cleared by the first long rejection after
     /// that.
@@ -164,7 +171,7 @@ impl HypothesisTest {
 
     /// Processes the first interval, which all hypotheses must use.
     ///
-    /// In B, both the ambient field and the hard iron are unknown at that point.
+    /// In hypothesis B, both the ambient field and the hard iron are unknown at that point.
     pub(super) fn start(&mut self, interval: &IntervalMeans, delay_s: f64, variance_ut2: f64) {
         self.for_each_filter(|filter| {
             filter.measure(interval, delay_s, variance_ut2, f64::INFINITY);
@@ -275,7 +282,8 @@ impl HypothesisTest {
         TestOutcome { accepted: main.accepted, replaced }
     }
 
-    /// Updates the roughness of the magnetic field with the normalised innovation squared of M.
+    /// Updates the roughness of the magnetic field. `nis` is the main filter's normalised
+    /// innovation squared.
     fn update_roughness(&mut self, nis: f64, interval: &IntervalMeans) {
         if interval.at_rest {
             return;
@@ -285,7 +293,8 @@ impl HypothesisTest {
         self.roughness += (roughness - self.roughness) * gain;
     }
 
-    /// Returns the time for which another magnetic field must be steady to replace that of M, s.
+    /// Returns the time for which another magnetic field must be steady to replace that of the main
+    /// filter, s.
     fn min_new_field_s(&self, on_probation: bool) -> f64 {
         if self.supported_s >= WELL_SUPPORTED_S {
             return REJECTION_TIMEOUT_S;
@@ -293,7 +302,7 @@ impl HypothesisTest {
         self.supported_s.max(if on_probation { MIN_NEW_FIELD_ON_PROBATION_S } else { MIN_NEW_FIELD_S })
     }
 
-    /// Returns the standard deviation of the heading, rad, given that of M.
+    /// Returns the standard deviation of the heading, rad, given that of the main filter M.
     ///
     /// - A magnetic field with a high roughness increases the deviation.
     /// - A new field is the earth's field with a probability that depends on the times for which
@@ -313,7 +322,7 @@ impl HypothesisTest {
         libm::sqrt(variance_rad2)
     }
 
-    /// Restarts B and E from M.
+    /// Restarts the hypotheses B and E from the main filter M.
     fn restart_challengers(&mut self) {
         (self.body, self.environment) = (self.main, self.main);
         self.body.inflate(B, CHALLENGER_SD_UT);
@@ -331,8 +340,9 @@ impl HypothesisTest {
             && self.challenge_turn_rad > MIN_CHALLENGE_TURN_RAD
     }
 
-    /// Processes a return to the last rest site. Returns `false` if the magnetic field there does
-    /// not pass the gate of M.
+    /// Processes a return to the last rest site.
+    ///
+    /// Returns `false` if the magnetic field there does not pass the gate of the main filter M.
     pub(super) fn update_at_rest_site(&mut self) -> bool {
         let accepted = self.main.update_at_rest_site();
         if accepted {

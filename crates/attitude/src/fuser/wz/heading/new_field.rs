@@ -65,7 +65,7 @@ impl NewField {
         self.mean_ut
     }
 
-    /// Returns why the state is invalid, or `None` if it is valid.
+    /// Returns the reason why the state is invalid, or `None` if it is valid.
     pub(super) fn validation_error(&self) -> Option<&'static str> {
         (!(0.0..=MAX_STEADY_S).contains(&self.steady_s)).then_some("a duration of a new field out of range")
     }

@@ -96,7 +96,7 @@ impl RestSite {
         }
     }
 
-    /// Returns why the state is invalid, or `None` if it is valid.
+    /// Returns the reason why the state is invalid, or `None` if it is valid.
     pub(super) fn validation_error(&self) -> Option<&'static str> {
         (self.last.intervals < 0.0 || self.current.intervals < 0.0).then_some("a number of intervals below zero")
     }

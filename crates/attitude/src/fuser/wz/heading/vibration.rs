@@ -35,7 +35,7 @@ impl VibrationDetector {
         square > VIBRATION_THRESHOLD_M_S2 * VIBRATION_THRESHOLD_M_S2 * samples
     }
 
-    /// Returns why the state is invalid, or `None` if it is valid.
+    /// Returns the reason why the state is invalid, or `None` if it is valid.
     pub(super) fn validation_error(&self) -> Option<&'static str> {
         (self.square_m2_s4 < 0.0 || self.samples < 0.0).then_some("a sum of squares or count below zero")
     }
