@@ -100,7 +100,7 @@ impl Default for Mounting {
 }
 
 impl Mounting {
-    /// Names of the directions of the body.
+    /// Names of the body directions that can occur in the name of a mounting.
     pub const DIRECTIONS: [&str; 6] = ["right", "left", "forward", "back", "up", "down"];
     /// Short names and the full names that they stand for.
     pub const SHORT_NAMES: [(&str, &str); 3] =

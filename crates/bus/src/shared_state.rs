@@ -26,8 +26,10 @@ pub(crate) struct WakeWord {
     pub(crate) waiting: AtomicU32,
     /// Next tick of the topic: one more than the highest tick announced for publication.
     pub(crate) next_tick: AtomicU64,
-    /// Number of messages published on the topic. A subscriber compares it with the number that it
-    /// has read, because asking iceoryx2 for a message costs several hundred instructions.
+    /// Number of messages published on the topic.
+    ///
+    /// A subscriber compares this number with the number of messages that it has read. Checking
+    /// iceoryx2 for a message would cost several hundred instructions.
     pub(crate) published: AtomicU64,
     /// Number of messages sent on a topic with flow control, which has a single subscriber.
     pub(crate) sent: AtomicU64,

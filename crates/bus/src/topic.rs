@@ -166,7 +166,10 @@ impl<M: Message> Publisher<M> {
         self.waker.next_tick()
     }
 
-    /// Delivers the buffered history to subscribers that joined since the last message or call.
+    /// Delivers the buffered history to new subscribers.
+    ///
+    /// A subscriber is new if it joined after the last message was sent and after the last call of
+    /// this function.
     pub fn deliver_history(&self) -> Result<(), BusError> {
         self.port.deliver_history()
     }

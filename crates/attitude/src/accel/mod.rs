@@ -33,7 +33,7 @@ use {
     inclinometer::{point_by_matrix, point_by_quaternion},
 };
 
-/// Computation of the point from the force.
+/// Method of computing the point from the force.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 enum Method {
     #[default]

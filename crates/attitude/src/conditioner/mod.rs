@@ -70,8 +70,10 @@ settings! {
 pub struct SensorModel {
     /// Limits beyond which samples are flagged.
     pub limits: Limits,
-    /// Nominal sampling rate, Hz, above 0. It only sets the interval of samples with unusable
-    /// stamps, until other stamps show the true interval.
+    /// Nominal sampling rate, Hz, above 0.
+    ///
+    /// It sets the interval of samples with unusable timestamps, but only until other timestamps
+    /// show the true interval.
     pub rate_hz: f64,
     /// Relation of the rate samples to their intervals.
     pub rate_kind: RateKind,
@@ -116,7 +118,7 @@ pub struct Conditioner {
     offset_ns: i64,
     typical_interval_ns: i64,
     last: Option<LastSample>,
-    /// Stamp of the previous reading and number of consecutive rejected readings.
+    /// Timestamp of the previous reading and number of consecutive rejected readings.
     ///
     /// `None` unless the previous reading was rejected as outdated.
     backward_run: Option<(i64, i64)>,
@@ -261,7 +263,7 @@ impl Conditioner {
         let mut catches_up = false;
         let (dt_ns, flags) = match dt_ns {
             1..=MAX_GAP_NS => (dt_ns, Flags::GAP.when(dt_ns > self.gap_ns)),
-            // Repeated stamps before this one advanced the sample time beyond the sensor time.
+            // Repeated timestamps before this one advanced the sample time beyond the sensor time.
             ..=0 if reading.t_ns > last.t_ns && dt_ns >= -self.gap_ns => {
                 self.typical_interval_ns = (self.typical_interval_ns + (dt_ns - self.typical_interval_ns) / 16).max(2);
                 catches_up = true;
@@ -283,9 +285,9 @@ impl Conditioner {
 
     /// Returns the interval to use, ns, if the clock was certainly set back; otherwise `None`.
     ///
-    /// A stamp is outdated if it is earlier than that of the last accepted reading. The clock was
-    /// certainly set back after two consecutive outdated stamps in increasing order, or after
-    /// [`MAX_BACKWARD_STAMPS`] outdated stamps in any order.
+    /// A timestamp is outdated if it is earlier than that of the last accepted reading. The clock
+    /// was certainly set back after two consecutive outdated timestamps in increasing order, or
+    /// after [`MAX_BACKWARD_STAMPS`] outdated timestamps in any order.
     fn interval_after_set_back(&mut self, t_ns: i64) -> Option<i64> {
         match self.backward_run {
             Some((before_ns, count))

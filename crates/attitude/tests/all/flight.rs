@@ -234,8 +234,7 @@ fn multiple_model_without_fixes_is_levelled_by_turns() {
     assert!(within(errors_of("multiple-model", "cruise?gnss=never", &[]).without_fixes, 2.0));
 }
 
-/// Sample of a recorded flight, with the attitude that the autopilot estimated and the fix
-/// received.
+/// Sample of a recorded flight, with the autopilot's attitude estimate and the fix, if any.
 struct Row {
     t_s: f64,
     rate_rad_s: Vector3<f64>,

@@ -303,7 +303,7 @@ fn added_topic_has_its_own_wake_word_and_publishers() {
     assert_eq!((sum_pa, there.next_tick(Pressure::TOPIC), there.next_tick(Health::TOPIC)), (45.0, 42, 0));
 }
 
-/// `Reference` of a different build: the same name and size, but two fields swapped.
+/// `Reference` of a different build: the same name and size, but two struct fields swapped.
 #[derive(Debug, Clone, Copy, bytemuck::Pod, bytemuck::Zeroable)]
 #[repr(C)]
 struct Swapped {

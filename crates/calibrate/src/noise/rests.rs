@@ -24,7 +24,7 @@ const MAX_RATE_RATIO: f64 = 1.25;
 /// Relative deviation from the median above which an interval is counted as irregular.
 const IRREGULAR_SHARE: f64 = 0.5;
 
-/// Factor on the typical standard deviation of a block above which the block is in motion.
+/// Multiple of the typical standard deviation of a block above which the block is in motion.
 ///
 /// The typical value is the 10th percentile of the standard deviations of all blocks.
 const QUIET_FACTOR: f64 = 5.0;
@@ -39,7 +39,7 @@ const NORMAL_MEDIAN: f64 = 0.6745;
 /// The unit is the standard deviation of the mean of a block.
 const NOISE_FACTOR: f64 = 12.0;
 
-/// Limits of a sensor at rest, in its unit.
+/// Limits of a sensor at rest, in the unit of the sensor.
 struct Limits {
     /// Range to which the limit of the standard deviation is clamped.
     sd: (f64, f64),

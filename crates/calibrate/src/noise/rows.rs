@@ -1,6 +1,6 @@
 //! Readings of both sensors as rows of six values.
 
-/// Number of axes of both sensors.
+/// Total number of axes of gyro and accelerometer.
 pub(super) const AXES: usize = 6;
 
 /// Reading, or mean of successive readings.

@@ -21,7 +21,7 @@ use crate::{
 const INTERVAL_S: f64 = 0.2;
 /// Standard deviation of the zero velocity that is assumed at standstill, m/s.
 const STANDSTILL_SD_M_S: f64 = 0.1;
-/// States that an assumed velocity does not correct.
+/// Indices of the error states that an assumed velocity does not correct.
 const CONSIDERED: [usize; 2] = [HEADING, GYRO_UP];
 
 impl Aided {

@@ -59,7 +59,7 @@ pub(super) struct Measurement<'a> {
     pub(super) row: &'a [(usize, f64)],
     /// Variance of the measurement noise.
     pub(super) variance: f64,
-    /// States that are considered but not corrected (Schmidt–Kalman).
+    /// Indices of the states that are considered but not corrected (Schmidt–Kalman).
     pub(super) considered: &'a [usize],
 }
 

@@ -9,8 +9,10 @@ use crate::{Vector3, course::CourseReference, fuser::fused::Corrections, state::
 
 /// Smallest horizontal component of the unit magnetic field vector that gives a direction.
 const MIN_HORIZONTAL_FRACTION: f64 = 0.1;
-/// States that the magnetic field does not correct. The magnetic field corrects the heading and,
-/// through correlation, the gyro bias, but not the level.
+/// Indices of the error states that the magnetic field does not correct.
+///
+/// The magnetic field corrects the heading and, through correlation, the gyro bias, but not the
+/// level.
 const CONSIDERED: [usize; 9] = [0, 1, 2, 3, 4, 9, 10, 11, 12];
 
 impl Aided {

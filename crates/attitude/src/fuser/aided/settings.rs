@@ -82,7 +82,7 @@ settings! {
 }
 
 impl Settings {
-    /// Compares the noise settings with their defaults.
+    /// Returns [`NoiseSettings::Default`] if all noise settings have their default values.
     pub(super) fn noise_settings(&self) -> NoiseSettings {
         let noises = |settings: &Self| {
             [

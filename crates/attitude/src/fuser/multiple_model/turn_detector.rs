@@ -247,7 +247,7 @@ mod tests {
     const DT_S: f64 = 0.01;
 
     /// Returns the time, s, for which a turn is detected within `duration_s`. The body rotates
-    /// about the force. `rate` returns its rate, rad/s, at a time, s.
+    /// about the force. `rate` returns the rate of the body, rad/s, at a given time, s.
     fn turning_s(detector: &mut TurnDetector, duration_s: f64, force_m_s2: f64, rate: impl Fn(f64) -> f64) -> f64 {
         let mut turning_s = 0.0;
         for tick in 0..(duration_s / DT_S) as u32 {

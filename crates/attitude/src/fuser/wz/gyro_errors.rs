@@ -167,7 +167,7 @@ pub(super) struct UpdateInput {
     pub(super) t2_s: f64,
 }
 
-/// State at the end of an interval, before its measurement is used.
+/// State at the end of an interval, before the measurement of the interval is used.
 #[derive(Debug, Clone, Copy)]
 struct Prediction {
     innovation: Complex<f64>,
@@ -568,7 +568,7 @@ impl GyroErrorFilter {
         Prediction { innovation, force, interval_s }
     }
 
-    /// Adds a change of the state.
+    /// Adds a change to the state of the filter.
     fn apply(&mut self, change: &State) {
         self.bias_rad_s += change.fixed_rows::<3>(BIAS);
         self.scale = (self.scale + change.fixed_rows::<3>(SCALE)).map(|m| m.clamp(-MAX_SCALE, MAX_SCALE));

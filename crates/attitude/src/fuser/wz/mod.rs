@@ -159,7 +159,7 @@ impl Wz {
         }
     }
 
-    /// Returns the part of the tick during which the rotation was not observed, s.
+    /// Returns the time within the tick during which the rotation was not observed, s.
     #[inline]
     fn tick_outage_s(&mut self, input: &FuserInput) -> f64 {
         let Some(motion) = &input.motion else { return self.last_interval_s };

@@ -13,7 +13,7 @@ use crate::{Complex, scalars::scalars};
 pub(super) const MEMORY_S: f64 = 5.0;
 /// Duration over which the initial mean square is assumed to have been observed, s.
 pub(super) const INITIAL_MEMORY_S: f64 = 0.5;
-/// Square of the largest innovation treated as regular, in standard deviations.
+/// Largest squared innovation that is treated as regular, in variances.
 const MAX_INNOVATION2: f64 = 9.0;
 
 /// Mean square of the innovations, and mean product of successive innovations.

@@ -16,10 +16,10 @@ const DECISION_VELOCITY_M_S: f64 = 8.0;
 /// force. Above this limit, the increase exceeds the scale error of an accelerometer. The loop
 /// corrects smaller level errors by itself.
 const MIN_HORIZONTAL_FORCE: f64 = 0.25;
-/// Largest fraction of the expected excess of the force's norm at which the level counts as wrong.
+/// Fraction of the expected excess of the force's norm up to which the level counts as wrong.
 ///
-/// The excess is that of the norm over g. The expected excess is that which an acceleration would
-/// cause: an acceleration a increases the norm by a²/(2g), which is a²/(2g²) relative to g.
+/// The excess is the difference between the norm and g. An acceleration a would cause the excess
+/// a²/(2g), which is a²/(2g²) relative to g.
 const MAX_EXCESS_FRACTION: f64 = 0.5;
 
 /// Tilt fault detector, which sums innovations for as long as they keep their direction.

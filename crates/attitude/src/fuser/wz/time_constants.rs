@@ -38,10 +38,11 @@ use crate::{Complex, scalars::scalars};
 pub(super) const T1_S: f64 = 2.0;
 /// Smallest time constant of the tilt, s.
 const MIN_T2_S: f64 = 3.0;
-/// Time constant at the start, s.
+/// Time constant of the tilt at the start, s.
 const INITIAL_T2_S: f64 = 2.0;
-/// Largest time constant as a fraction of the time since the start. The level found at the start is
-/// as uncertain as the mean of the force over that time.
+/// Largest time constant of the tilt, as a fraction of the time since the start.
+///
+/// The level found at the start is as uncertain as the mean of the force over that time.
 const GROWTH: f64 = 0.35;
 /// Largest time constant of the tilt, s.
 const MAX_T2_S: f64 = 12.0;
@@ -123,7 +124,7 @@ impl Default for TiltTimeConstant {
 }
 
 impl TiltTimeConstant {
-    /// Returns the time constant, s.
+    /// Returns the time constant T2 of the tilt, s.
     #[inline]
     pub(super) fn t2_s(&self) -> f64 {
         self.t2_s

@@ -131,8 +131,8 @@ fn wz_on_crossed_trials_beats_vqf() {
 /// Emulates warm starts: each trial starts with the gyro scale found in an earlier trial. ¶ The
 /// earlier scale is assumed to be accurate to 0.2 %.
 ///
-/// Crossed trials all have different gyro errors, so an earlier scale cannot help. There, it must
-/// merely not increase the error.
+/// Crossed trials all have different gyro errors, so an earlier scale cannot help. There, the scale
+/// must only not increase the error.
 #[recorded::test]
 fn kept_gyro_scale_reduces_wz_error() {
     let Some(trials) = trials() else { return };

@@ -7,7 +7,7 @@ use std::{
 
 use recording::{Reader, Row};
 
-/// A set of recordings: the files of a folder with a common prefix of their names.
+/// A set of recordings: the files of a folder that have a common name prefix.
 pub(super) struct Set {
     pub(super) name: &'static str,
     folder: &'static str,

@@ -254,7 +254,7 @@ impl FieldFilter {
         (B..B + 3).map(|i| (self.x[i] - other.x[i]) * (self.x[i] - other.x[i])).sum()
     }
 
-    /// Returns the mean field minus the hard iron, µT, reference axes.
+    /// Returns the mean magnetic field minus the hard iron, µT, reference axes.
     pub(super) fn field_without_hard_iron_ut(&self, interval: &IntervalMeans) -> [f64; 3] {
         let hard_iron = |[a, b, c]: [f64; 3]| a * self.x[B] + b * self.x[B + 1] + c * self.x[B + 2];
         core::array::from_fn(|i| interval.field_ut[i] - hard_iron(interval.axes[i]))
@@ -330,7 +330,7 @@ impl FieldFilter {
         true
     }
 
-    /// Returns the covariance of component `i` of e + d − p with the state.
+    /// Returns the covariance between the state and component `i` of e + d − p.
     fn rest_site_column(&self, i: usize) -> [f64; STATES] {
         core::array::from_fn(|j| self.p[E + i][j] + self.p[D + i][j] - self.p[SITE + i][j])
     }

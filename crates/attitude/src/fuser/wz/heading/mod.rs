@@ -87,7 +87,7 @@ use {
 const MIN_READING_UT: f64 = 1.0;
 /// Largest plausible magnetic field reading, µT. Larger readings are ignored.
 const MAX_READING_UT: f64 = 500.0;
-/// Noise of the mean field over a window of 20 ms, µT.
+/// Noise of the mean magnetic field over a window of 20 ms, µT.
 const NOISE_UT: f64 = 0.46;
 /// Additional noise per unit of rate, as a fraction of the magnetic field, s. It corresponds to a
 /// time offset of half a millisecond between samples and attitude.
@@ -145,7 +145,7 @@ pub(super) struct Heading {
     /// Remaining tilt error after a start in motion, rad.
     settling_tilt_rad: f64,
     correction_rad: f64,
-    /// Part of the correction that the attitude does not contain yet, rad.
+    /// Heading correction that has not been applied to the attitude yet, rad.
     pending_rad: f64,
     sd_rad: f64,
     /// Standard deviation of the heading, rad.
