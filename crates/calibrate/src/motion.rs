@@ -1,5 +1,5 @@
-//! Gravity measured in motion: the mean over two seconds of the specific forces, rotated into one
-//! frame by means of the gyro.
+//! Gravity measured in motion: the mean of the specific forces over two seconds in one frame. The
+//! gyro gives the rotation of each force into this frame.
 //!
 //! A unit that is turned by hand hardly changes its position. Over two seconds, the accelerations
 //! caused by the hand nearly cancel in a common frame, and gravity remains. The forces are weighted

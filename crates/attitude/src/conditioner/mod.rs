@@ -18,12 +18,12 @@
 //! | a value at the end of the range | unchanged, flagged |
 //! | \|f\| near zero | unchanged; flagged and ignored by accel |
 //! | the same vector for `stuck_s` | unchanged, flagged; a stuck force is ignored while the rate still varies |
-//! | the stamp and values of the previous reading | rejected |
-//! | the stamp of the previous reading with other values | a sample one typical interval later, flagged |
-//! | a later stamp that is still before the end of such a sample | a sample half a typical interval later, flagged, until the sample time agrees with the stamps |
-//! | a stamp before the previous one | rejected; if the next stamp is later than the rejected one, the clock was set back: time continues, flagged |
-//! | a stamp more than `gap_s` after the previous one | a sample after a gap, flagged; if the gap exceeds 1 s, the level is initialised again |
-//! | a stamp more than 10 s after the previous one | the clock leapt: time continues, flagged |
+//! | the timestamp and values of the previous reading | rejected |
+//! | the timestamp of the previous reading with other values | a sample one typical interval later, flagged |
+//! | a later timestamp that is still before the end of such a sample | a sample half a typical interval later, flagged, until the sample time agrees with the timestamps |
+//! | a timestamp before the previous one | rejected; if the next timestamp is later than the rejected one, the clock was set back: time continues, flagged |
+//! | a timestamp more than `gap_s` after the previous one | a sample after a gap, flagged; if the gap exceeds 1 s, the level is initialised again |
+//! | a timestamp more than 10 s after the previous one | the clock leapt: time continues, flagged |
 
 mod channel;
 mod reading;

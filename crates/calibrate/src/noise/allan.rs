@@ -6,9 +6,7 @@
 //!
 //! Second differences of the three noise types are stationary and Gaussian. Their covariances
 //! follow from the functions g(t) = −|t|/2 for white noise, t² ln|t| / 2π for flicker noise and
-//! |t|³/12 for a random walk (Greenhall and Riley, Uncertainty of stability variances based on
-//! finite differences, PTTI 2003). They determine the covariances of the estimates at all pairs of
-//! τ, and thereby the equivalent degrees of freedom of each estimate, 2 σ⁴ / var σ².
+//! |t|³/12 for a random walk (Greenhall and Riley, Uncertainty of stability variances based on finite differences, PTTI 2003). These functions determine the covariances of the estimates at all pairs of τ, and thereby the equivalent degrees of freedom of each estimate, 2 σ⁴ / var σ².
 
 use std::f64::consts::PI;
 

@@ -2,9 +2,9 @@
 //!
 //! Input: readings of a unit that does not move, at a constant rate of 10 Hz to 10 kHz.
 //!
-//! Output: random walk of the angle or velocity, bias instability and random walk of the bias of
-//! each axis with confidence intervals, the Allan deviations, and parameters of a fuser; see
-//! [`NoiseReport`].
+//! Output: for each axis, the random walk of the angle or velocity, the bias instability and the
+//! random walk of the bias, with confidence intervals. Also the Allan deviations, and parameters of
+//! a fuser; see [`NoiseReport`].
 //!
 //! Failure: readings are rejected if the rests are too short, the rate varies, an axis is constant
 //! or the model cannot be fitted to an axis. A coefficient that the readings do not determine is

@@ -10,8 +10,8 @@
 //! with ω the gyro's rate and ω_c the rate at which the platform is rotated back to level. In the
 //! (w, z) parameters of this crate, C is Aᵀ, the platform is the reference frame, f_P = e^{jz} h(f)
 //! with h the [horizontal part](crate::state::Attitude::horizontal) in the level frame, and −ω̂c C
-//! is a [tilt](crate::state::Attitude::tilted) of the level frame. Its axis is horizontal, so
-//! levelling does not change the course.
+//! is a [tilt](crate::state::Attitude::tilted) of the level frame. The axis of this tilt is
+//! horizontal, so levelling does not change the course.
 //!
 //! In axes that follow the vehicle's heading, x to the right and y forward, a vehicle at ground
 //! speed V that turns at H' (clockwise) accelerates by (V H', V'). The rest of the horizontal force

@@ -13,10 +13,10 @@
 //! many standard deviations for accelerations. The second filter has a wide prior and follows such
 //! a bias. With a calibrated gyro, however, it is less accurate, because accelerations affect its
 //! bias more. It is therefore used only if there is evidence of such a bias. The evidence must be
-//! stronger once a rest has shown the bias or another stage has handed it over: the bias must then
-//! have changed in motion, which a temperature shock may cause.
+//! stronger once a rest has shown the bias or another stage has handed it over, because the bias
+//! must then have changed in motion. A temperature shock may cause such a change.
 //!
-//! The force in a long bend of a vehicle also looks like the effect of a bias. The second filter
+//! The force in a long turn of a vehicle also looks like the effect of a bias. The second filter
 //! restarts from the first one at regular intervals, and after a gyro outage or a tilt fault, whose
 //! force would look like the effect of a bias. If the biases already differ significantly at a tilt
 //! fault, the second filter continues, because the bias has probably caused the fault.
@@ -25,9 +25,10 @@
 //! found later or not at all while the body moves. On TUM VI, the mean inclination error rises from
 //! 6.8° to 12.3°.
 //!
-//! The force does not show the bias about the vertical. While only the movement has shown the bias,
-//! the stage corrects this component by the drift of the heading, which the magnetic field shows.
-//! On Nexus 5 with a bias of 10 °/s added to each axis, the heading error is 18° instead of 38°.
+//! The force does not show the bias about the vertical. While the bias has been found only in
+//! motion, the stage corrects this component by the drift of the heading, which the magnetic field
+//! shows. On Nexus 5 with a bias of 10 °/s added to each axis, the heading error is 18° instead of
+//! 38°.
 
 use super::{
     gyro_errors::{GyroErrorFilter, Samples, UpdateInput},

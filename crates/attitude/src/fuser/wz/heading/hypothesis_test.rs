@@ -6,9 +6,9 @@
 //! | B | a magnet was attached to the body or removed | copy of M with b uncertain by another 15 µT |
 //! | E | the ambient field has changed | copy of M with e uncertain by another 15 µT |
 //!
-//! The gate of M rejects disturbances, during which the heading follows the gyro. A step fixed to
-//! the body fits only B. A changed ambient field fits E as well as B, and passing magnets fit none
-//! of the three.
+//! The gate of M rejects disturbances, during which the heading follows the gyro. A sudden change
+//! of a field that is fixed to the body fits only B. A changed ambient field fits E as well as B,
+//! and passing magnets fit none of the three.
 //!
 //! The evidence is a sum of log-likelihood ratios over the time in which the body turns, because
 //! the three cannot be distinguished at rest. Each update subtracts an allowance. It is needed

@@ -40,8 +40,8 @@
 //!   were replaced after a fixed time by any field, the error among magnets would increase by 4°
 //!   (Nexus 5: 8.5° instead of 4.5°).
 //! - While a magnet moves away, its field passes the gate for a moment and still rotates the
-//!   estimated field. The field is therefore not used for 2 s after a strong disturbance: 4.2° on
-//!   Nexus 5 among magnets instead of 4.5°.
+//!   estimated field. The field is therefore not used for 2 s after a strong disturbance. On Nexus
+//!   5 among magnets, this reduces the error from 4.5° to 4.2°.
 //!
 //! The following variants have no effect or increase the heading error. They were measured on Nexus
 //! 5 among magnets and on BROAD, without the pause after strong disturbances. The errors without a
