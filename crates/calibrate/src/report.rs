@@ -108,7 +108,7 @@ impl fmt::Display for Report {
     }
 }
 
-/// Formats a value with as many decimals as the largest standard deviation needs for two
+/// Formats a value. The number of decimals is such that the largest standard deviation has two
 /// significant digits.
 fn format_value(value: f64, sd: &[f64]) -> String {
     let largest = sd.iter().copied().fold(0.0, f64::max);
@@ -116,7 +116,8 @@ fn format_value(value: f64, sd: &[f64]) -> String {
     format!("{value:.decimals$}")
 }
 
-/// Number displayed with as many significant digits as the format's precision (default 3).
+/// Number to be displayed with a given number of significant digits: the formatter's precision, or
+/// 3 by default.
 struct Rounded(f64);
 
 impl fmt::Display for Rounded {

@@ -132,8 +132,8 @@ pub(super) fn connect_socket(path: &Path) -> io::Result<UnixStream> {
 /// Sends a notification and retries until the supervisor has responded, 30 s have elapsed or
 /// `should_stop` returns `true`.
 ///
-/// A service can start before the control socket is open. A notification that is not delivered is
-/// dropped.
+/// A service can start before the control socket is open. If it cannot be delivered within this
+/// time, the notification is dropped.
 pub fn notify(system: &str, request: &ControlRequest, should_stop: impl Fn() -> bool) {
     let deadline = Instant::now() + NOTIFY_TIMEOUT;
     while send_request::<()>(system, request).is_err() && Instant::now() < deadline && !should_stop() {

@@ -61,7 +61,7 @@ impl ControlSocket {
     ///
     /// # Errors
     ///
-    /// Fails like [`open`](Self::open), or if a file in the place of the socket cannot be removed.
+    /// Fails like [`open`](Self::open), or if another file at the socket's path cannot be removed.
     pub fn reopen_if_missing(&mut self, system_name: &SystemName) -> Result<bool, ControlError> {
         let path = system_name.control_socket_path()?;
         let failed = |cause| ControlError::Open { path: path.clone(), cause };
@@ -154,8 +154,8 @@ fn bind(path: &Path) -> Result<(UnixListener, u64), ControlError> {
 }
 
 impl Client {
-    /// Returns the request once a full line has arrived, or `None` before that or if the client has
-    /// disconnected.
+    /// Returns the request once a full line has arrived. Returns `None` before that, or if the
+    /// client has disconnected.
     fn read_request(&mut self) -> Option<Result<ControlRequest, String>> {
         let mut chunk = [0; 4096];
         loop {

@@ -34,8 +34,8 @@ pub enum ParseOutcome {
     Incomplete,
     /// The bytes start with a complete frame of the given length.
     Frame(usize),
-    /// The bytes start with a complete frame of the given length, with a measurement from a sender
-    /// that is not decoded.
+    /// The bytes start with a complete frame of the given length. Its measurement is not used,
+    /// because it comes from a sender that is not decoded.
     Foreign(usize),
     /// The given number of leading bytes belongs to no frame.
     Skip(usize),

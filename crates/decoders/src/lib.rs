@@ -5,8 +5,8 @@
 //! Output: measurements in SI units and sensor axes, with the device's timestamp if the format has
 //! one.
 //!
-//! Time: supplied by the caller with [`Decoder::set_time`]. A decoder of several senders uses it to
-//! notice that one of them is silent.
+//! Time: supplied by the caller with [`Decoder::set_time`]. If a stream carries several senders,
+//! the decoder uses the time to notice that one of them is silent.
 //!
 //! Failure: bytes that belong to no valid frame are skipped and counted. Decoding resumes at the
 //! next valid frame. No input causes an error or a panic.

@@ -14,7 +14,7 @@
 //! | column | meaning |
 //! | --- | --- |
 //! | `gx`, `gy`, `gz`; `ax`, `ay`, `az` | rate and force, mandatory. Blank and `nan` become NaN; a line in which all six are NaN yields no IMU measurement |
-//! | `mx`, `my`, `mz` | field, in lines in which all three are finite |
+//! | `mx`, `my`, `mz` | magnetic field, in lines in which all three are finite |
 //! | `ve`, `vn`, `vu` or `vd`, `lat`, `lon`, `alt` | fix, in lines in which the velocity is finite and the fix differs from the previous one |
 //! | `t` | time: UNIX time if later than 2001-09-09 or a date, else time since the device's start (two's complement if negative); a wrapping counter if `time_bits` is set or it is a time of day |
 //! | others | ignored |
@@ -47,9 +47,9 @@ const MIN_UNIX_TIME_NS: i64 = 1_000_000_000_000_000_000;
 /// Format of lines of numbers, with the columns of the stream.
 #[derive(Debug, Clone)]
 pub struct Lines {
-    /// Mapping of the settings.
+    /// Mapping from the settings.
     configured: Mapping,
-    /// Mapping with the units of the header.
+    /// Mapping with the units from the header.
     mapping: Mapping,
     time_bits: Option<u8>,
     /// Wrap period of the time, if the time is a wrapping counter.
@@ -59,7 +59,8 @@ pub struct Lines {
     dialect: Option<Dialect>,
     /// `true` if a line names the columns but not their units. Rows are then not read by position.
     lacks_units: bool,
-    /// Last line that is not a row. The next one may hold its units.
+    /// Last line that is not a row, kept because the next line may contain the units of its
+    /// columns.
     last_names: Option<String>,
     /// `true` if the next byte starts a line.
     is_synchronised: bool,
@@ -84,7 +85,7 @@ pub struct LineSettings {
 /// Error in [`LineSettings`].
 #[derive(Debug, thiserror::Error, PartialEq, Eq)]
 pub enum LinesError {
-    /// A mapped column is not among the names.
+    /// A mapped column is not among the column names.
     #[error("column {column:?} for {target} is not in the list of columns; {}", near.as_ref().map_or_else(|| "correct `map` or `columns`".into(), |near| format!("did you mean {near:?}?")))]
     MissingColumn {
         /// Quantity that the column is mapped to.
@@ -110,7 +111,8 @@ impl Lines {
     ///
     /// # Errors
     ///
-    /// Returns an error if a mapped column is not among the names or `time_bits` is out of range.
+    /// Returns an error if a mapped column is not among the column names or `time_bits` is out of
+    /// range.
     pub fn new(settings: &LineSettings) -> Result<Self, LinesError> {
         let configured = settings.mapping.clone();
         let mut lines = Self {
@@ -280,7 +282,7 @@ impl Format for Lines {
         let window = &bytes[..bytes.len().min(MAX_LINE_BYTES)];
         let is_end = |(index, byte): (usize, &u8)| match byte {
             b'\n' => true,
-            // A newline after a carriage return belongs to the same end.
+            // A newline after a carriage return belongs to the same line end.
             b'\r' => window.get(index + 1).is_some_and(|next| *next != b'\n'),
             _ => false,
         };
@@ -382,7 +384,8 @@ impl ColumnIndices {
             mapping.with_header_units(names_of, true).map(|(mapping, _)| mapping).map_err(LinesError::Units)
         };
         let with_units = with_units(&indices).or_else(|_| {
-            // Samples without a time of known unit are stamped on arrival.
+            // If the unit of the time is unknown, the time is ignored, and samples are stamped on
+            // arrival.
             indices.time = None;
             with_units(&indices)
         })?;

@@ -6,8 +6,8 @@
 //! - `velN`, `velE`, `velD` give the velocity east, north, up.
 //! - `sAcc` gives the standard deviation. It is at least [`crate::ASSUMED_VERTICAL_SD_M_S`] for a
 //!   two-dimensional fix, whose vertical velocity is assumed.
-//! - `lat`, `lon`, `hMSL` give the position unless it is marked invalid. The short form has no such
-//!   mark.
+//! - `lat`, `lon`, `hMSL` give the position unless it is marked invalid. The 84-byte message has no
+//!   such mark.
 //! - Date and time give the UNIX time if both are valid.
 //!
 //! A message yields a fix only if `gnssFixOK` is set. Other frames are counted. NMEA and RTCM
@@ -106,7 +106,7 @@ const GNSS_AND_DEAD_RECKONING: u8 = 4;
 
 impl NavPvt {
     /// Reads the fields at the offsets that the interface description defines for protocol versions
-    /// 15 to 34. The short form of version 14 has no `flags3`.
+    /// 15 to 34. The 84-byte payload of version 14 has no `flags3`.
     fn parse(payload: &[u8; SHORT_PVT_BYTES], has_flags3: bool) -> Self {
         let four = |at: usize| [payload[at], payload[at + 1], payload[at + 2], payload[at + 3]];
         let signed = |at| i32::from_le_bytes(four(at));

@@ -10,7 +10,7 @@
 //! | 0x50 | device's calendar time, ms | timestamp of the cycle: UNIX time with 1 ms resolution, if the calendar is set |
 //! | 0x51 | acceleration, ±range over ±2¹⁵ | specific force, combined with the following 0x52 |
 //! | 0x52 | rate, ±range over ±2¹⁵ | body rate |
-//! | 0x54 | magnetic field, in model-specific units | separate field measurement, because it follows the rate |
+//! | 0x54 | magnetic field, in model-specific units | separate measurement, because this frame follows the rate |
 //! | others | angles, pressure, position … | counted |
 //!
 //! Axes: as printed on the device, on most models x right, y forward, z up. At rest the specific
@@ -54,7 +54,7 @@ pub struct Ranges {
     pub force_g: f64,
     /// Range of the gyro, °/s.
     pub rate_deg_s: f64,
-    /// Field of one magnetometer unit, µT, or `None` to ignore the magnetometer. WitMotion
+    /// Magnetic field of one magnetometer unit, µT, or `None` to ignore the magnetometer. WitMotion
     /// specifies 1 mG (0.1 µT) for newer models and no unit for older ones.
     pub field_ut: Option<f64>,
 }

@@ -10,7 +10,7 @@
 //! | 0x1060 | SampleTimeFine, 32-bit counter at 10 kHz | timestamp, wraps after 4.97 days |
 //! | 0x8020 | rate of turn, rad/s | body rate |
 //! | 0x4020 | acceleration, m/s² | specific force, up at rest |
-//! | 0xC020 | magnetic field, in arbitrary units | field; one unit is the field at the place of calibration, [`FIELD_UT`] |
+//! | 0xC020 | magnetic field, in arbitrary units | magnetic field; one unit is the field strength at Xsens's calibration site, [`FIELD_UT`] |
 //! | 0x8040, 0x4040 | high-rate rate of turn and acceleration | used if 0x8020 or 0x4020 is not in the message |
 //! | others | angles, positions, status … | counted |
 //!
@@ -35,8 +35,8 @@ const EXTENDED_LENGTH: u8 = 0xff;
 const MAX_LENGTH_BYTES: usize = 2048;
 const COUNTS_PER_S: u64 = 10_000;
 const NS_PER_COUNT: u64 = 1_000_000_000 / COUNTS_PER_S;
-/// Field strength of one arbitrary unit, µT: 0.49 gauss, as at Xsens's calibration site (Xsens
-/// knowledge base).
+/// Magnetic field strength of one arbitrary unit, µT: 0.49 gauss, as at Xsens's calibration site
+/// (Xsens knowledge base).
 pub const FIELD_UT: f64 = 49.0;
 
 const SAMPLE_TIME_FINE: u16 = 0x1060;
@@ -53,8 +53,8 @@ pub struct Xsens {
 }
 
 impl Xsens {
-    /// Creates the format of a device. `field_ut` is the field strength of one magnetometer unit,
-    /// µT, usually [`FIELD_UT`].
+    /// Creates the format of a device. `field_ut` is the magnetic field strength of one
+    /// magnetometer unit, µT, usually [`FIELD_UT`].
     pub fn new(field_ut: f64) -> Self {
         Self { field_ut }
     }

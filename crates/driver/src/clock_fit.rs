@@ -31,9 +31,9 @@ pub const MIN_SLOPE_SPAN_NS: i64 = 2_000_000_000;
 const MAX_CLOCK_DRIFT: f64 = 0.02;
 /// Maximum relative deviation of a sample rate from its nominal value.
 const MAX_RATE_DRIFT: f64 = 0.5;
-/// Discrepancy above which the device's clock counts as reset, ns: between the same interval on the
-/// two clocks, or between a result and the fitted line. A longer pause of the samples restarts the
-/// measurement of their interval.
+/// Discrepancy above which the device's clock counts as reset, ns. It is measured between the same
+/// interval on the two clocks, or between a result and the fitted line. If the samples pause for
+/// longer than this, the measurement of the sample interval restarts.
 const RESET_THRESHOLD_NS: i64 = 1_000_000_000;
 /// Number of intervals from which the rate of a device without timestamps is measured.
 const MIN_MEASURED_SAMPLES: u64 = 20;
@@ -253,7 +253,7 @@ impl ClockFit {
 }
 
 impl Line {
-    /// Returns the host time of a device time.
+    /// Converts a device time to host time, ns, with the fitted line.
     fn host_time_ns(&self, device_ns: i64) -> i64 {
         let device_ns = device_ns.saturating_sub(self.origin.device_ns) as f64;
         let arrival_ns = self.mean_arrival_ns + self.slope * (device_ns - self.mean_device_ns);

@@ -16,7 +16,7 @@ use std::{
 
 use crate::error::{FlightError, create_error};
 
-/// Size at which a chunk or summary is written in parts, bytes.
+/// Size of a chunk or summary above which it is written in parts, bytes.
 const MAX_PENDING_BYTES: usize = 4 << 20;
 
 #[derive(Debug)]

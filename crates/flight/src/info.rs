@@ -34,8 +34,8 @@ use crate::{
 
 /// Maximum length of a record, bytes. A longer record is treated as damage.
 pub(crate) const MAX_RECORD_BYTES: usize = 64 << 20;
-/// Maximum ratio of the size of the records to that of the file. Recorded flights stay below 10; a
-/// file that only keeps the reader busy can exceed 5000.
+/// Maximum ratio of the size of the records to that of the file. Recorded flights stay below 10. A
+/// file crafted to keep the reader busy can exceed 5000.
 const MAX_RATIO: u64 = 250;
 /// Size of the records below which the ratio is not limited, bytes.
 const MIN_LIMITED_BYTES: u64 = 1 << 26;
@@ -220,7 +220,7 @@ fn entries(metadata: BTreeMap<String, String>) -> Entries {
     metadata.into_iter().map(|(name, entry)| (name.into(), entry.into())).collect()
 }
 
-/// Describes an error, which for a decompression error is only in its cause.
+/// Describes an error. For a decompression error, the description is taken from its cause.
 pub(crate) fn reason(error: &McapError) -> String {
     match error {
         McapError::Io(cause) => cause.to_string(),
@@ -228,7 +228,7 @@ pub(crate) fn reason(error: &McapError) -> String {
     }
 }
 
-/// Bytes read from a file, and bytes of the records that they decompress to.
+/// Number of bytes read from a file, and number of bytes of the decompressed records.
 #[derive(Debug, Default)]
 pub(crate) struct Sizes {
     read: u64,

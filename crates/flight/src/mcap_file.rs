@@ -332,8 +332,8 @@ fn identifier(number: u32) -> io::Result<u16> {
 }
 
 fn compress(bytes: &[u8]) -> io::Result<Vec<u8>> {
-    // The checksum of the chunk covers its content, and some readers do not support those of
-    // blocks.
+    // The checksum of the chunk covers its content, and some readers do not support block
+    // checksums.
     let checksum = lz4::liblz4::BlockChecksum::NoBlockChecksum;
     let mut encoder = lz4::EncoderBuilder::new().block_checksum(checksum).build(Vec::new())?;
     encoder.write_all(bytes)?;

@@ -19,7 +19,7 @@ pub(crate) struct SpillFile {
 
 impl SpillFile {
     /// Creates the file in the folder of `path`, which names the recording. The file has the name
-    /// `PATH.KIND` until it is open.
+    /// `PATH.KIND` only while it is being opened.
     pub(crate) fn create(path: &Path, kind: &str) -> io::Result<Self> {
         let mut name = path.as_os_str().to_owned();
         name.push(format!(".{kind}"));
@@ -44,7 +44,8 @@ impl SpillFile {
         Ok(())
     }
 
-    /// Passes all records to `visit`, in parts of limited size that need not end with a record.
+    /// Passes all records to `visit`, in parts of limited size. A part may end in the middle of a
+    /// record.
     pub(crate) fn read(&mut self, visit: &mut dyn FnMut(&[u8]) -> io::Result<()>) -> io::Result<()> {
         self.file.write_all(&self.buffer)?;
         self.file.seek(SeekFrom::Start(0))?;

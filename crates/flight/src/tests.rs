@@ -170,7 +170,7 @@ fn implausibly_uniform_file_is_refused_while_it_is_read() {
     (0..100).for_each(|_| writer.write_to_known_channel(&header, &[0; 1 << 20]).unwrap());
     writer.finish().unwrap();
     drop(writer);
-    // Without the end of the file, `FlightInfo` reads the records.
+    // If the end of the file is missing, `FlightInfo` reads the records instead of the summary.
     let bytes = &file.get_ref()[..file.get_ref().len() - mcap::MAGIC.len()];
     fs::write(&path, bytes).unwrap();
     let expected = "bytes decompress to more than 6";

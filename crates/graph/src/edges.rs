@@ -22,7 +22,7 @@ impl Graph {
         self.outputs(service).find(|topic| topic.presence == Presence::EveryTick)
     }
 
-    /// Returns the subscribed topics of `service` that are derived from IMU samples.
+    /// Returns the topics derived from IMU samples to which `service` subscribes.
     pub fn inputs(self, service: Service) -> impl Iterator<Item = &'static Entry> {
         self.0.iter().filter(move |topic| topic.presence.is_ticked() && topic.is_subscribed_by(service))
     }

@@ -1,4 +1,4 @@
-//! Contents of a slot.
+//! Configuration of the stage in a slot.
 
 use std::collections::BTreeMap;
 

@@ -11,7 +11,7 @@ pub struct Entry {
     pub name: &'static str,
     /// Type name of the payload.
     pub payload: &'static str,
-    /// Ticks that have a message.
+    /// Ticks for which the topic has a message.
     pub presence: Presence,
     /// Number of messages buffered per subscriber.
     pub buffer: Buffer,

@@ -92,8 +92,9 @@ pub enum HostError {
 pub(crate) struct Child {
     program: ForeignText,
     process: Process,
-    /// Becomes readable when the program exits, even if a process that it has started keeps the
-    /// socket open. `None` if the kernel does not support it.
+    /// Descriptor that becomes readable when the program exits, even if another process that the
+    /// program has started keeps the socket open. `None` if the kernel does not support such
+    /// descriptors.
     exit: Option<OwnedFd>,
     output: StageOutput,
     socket: OwnedFd,
@@ -209,8 +210,8 @@ impl Child {
         }
     }
 
-    /// Waits for a packet, the exit of the program or the end of the time. Returns `true` if the
-    /// program has exited.
+    /// Waits until a packet arrives, the program exits or the time `left` is over. Returns `true`
+    /// if the program has exited.
     fn wait_for_packet(&self, left: Duration) -> bool {
         let mut fds =
             [&self.socket, self.exit.as_ref().unwrap_or(&self.socket)].map(|fd| PollFd::new(fd, PollFlags::IN));

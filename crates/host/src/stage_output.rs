@@ -24,7 +24,7 @@ const MARK: &str = "  | ";
 /// Thread that prints the output of a program.
 #[derive(Debug)]
 pub(crate) struct StageOutput {
-    /// Disconnected once the output has ended.
+    /// Channel that is disconnected once the output has ended.
     end: Receiver<()>,
 }
 

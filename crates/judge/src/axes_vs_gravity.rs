@@ -204,7 +204,7 @@ impl HypothesisGroup {
     }
 
     /// Adds the spread in the finished window to the accumulated spread of each hypothesis. The
-    /// function `spread` computes it from the sum of the rotated forces in the window.
+    /// function `spread` computes the former from the sum of the rotated forces in the window.
     fn end_window(&mut self, spread: impl Fn(&Vector3<f64>) -> f64) {
         let Self { moments, sums, .. } = self;
         for sum in sums {
@@ -223,7 +223,8 @@ impl HypothesisGroup {
     }
 }
 
-/// Returns the simplicity of a hypothesis. Every change of the axes or of the unit lowers it.
+/// Returns the simplicity of a hypothesis. Every change of the axes or of the unit lowers the
+/// simplicity.
 ///
 /// Negating all axes counts as a smaller change than negating one.
 fn simplicity(Hypothesis { axes, scale, .. }: &Hypothesis) -> f64 {

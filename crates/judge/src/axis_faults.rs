@@ -80,7 +80,7 @@ impl AxisMonitor {
     }
 }
 
-/// Detection of a magnetometer that yields no new field.
+/// Detection of a magnetometer that always reports the same magnetic field.
 #[derive(Debug, Clone, Default)]
 pub(crate) struct FieldMonitor {
     fields: u64,
@@ -88,15 +88,15 @@ pub(crate) struct FieldMonitor {
 }
 
 impl FieldMonitor {
-    /// Adds a sample. `has_field` is `true` if a new field arrived with it: one that differs from
+    /// Adds a sample. `has_field` is `true` if the sample has a magnetic field that differs from
     /// the previous one.
     pub(crate) fn push(&mut self, has_field: bool) {
         self.fields += u64::from(has_field);
         self.samples_since_field = if has_field { 0 } else { self.samples_since_field + 1 };
     }
 
-    /// Returns the diagnosis of a stuck magnetometer if its field never changed although the body
-    /// has rotated.
+    /// Returns the diagnosis of a stuck magnetometer if the magnetic field never changed although
+    /// the body has rotated.
     pub(crate) fn diagnose(&self, has_rotated: bool) -> Option<Diagnosis> {
         let is_dead = has_rotated && self.fields == 1 && self.samples_since_field >= MIN_STUCK_SAMPLES;
         is_dead.then(|| diagnosis::stuck("field", "magnetometer", &[0, 1, 2], self.samples_since_field))

@@ -14,7 +14,7 @@ pub enum InputIssue {
     ForceUnit,
     /// Gravity is missing from the force.
     GravityRemoved,
-    /// Fields are not in µT.
+    /// Magnetic fields are not in µT.
     FieldUnit,
     /// Times are not in the declared unit.
     TimeUnit,
@@ -233,8 +233,8 @@ pub(crate) fn force_magnitude(low: f64, median: f64, high: f64, is_steady: bool)
 }
 
 pub(crate) fn field_unit(median_ut: f64) -> Option<Diagnosis> {
-    // The Earth's field of 22 to 67 µT in each unit, with an allowance for the effect of iron.
-    // Values between the ranges are not diagnosed.
+    // Ranges of the Earth's magnetic field, 22 to 67 µT, in each unit, widened to allow for the
+    // effect of iron. Values between the ranges are not diagnosed.
     let (text, factor, unit) = match median_ut {
         0.15..1.0 => ("fields in gauss", 100.0, "gauss"),
         0.015..0.1 => ("fields in mT", 1e3, "mT"),
@@ -250,7 +250,7 @@ pub(crate) fn field_unit(median_ut: f64) -> Option<Diagnosis> {
 
 pub(crate) fn rejected_fields(count: u64) -> Diagnosis {
     let evidence = format!("{count} field samples were rejected: at or beyond field_max_ut, or not finite");
-    // A field in another unit exceeds the limit if a ROS topic declares it to be in tesla.
+    // If a ROS topic uses another unit than tesla, its magnetic field exceeds the limit.
     let causes = vec![
         cause("fields in nT", unit_remedy("mag", 1e-3, "nT")),
         cause("fields in gauss on a ROS topic, whose unit is tesla", unit_remedy("mag", 1e-4, "gauss")),
@@ -324,7 +324,7 @@ fn axes_causes(Hypothesis { axes, scale, .. }: &Hypothesis) -> Vec<PossibleCause
     if *scale == 1.0 { vec![gyro, accel] } else { vec![gyro] }
 }
 
-/// Returns which of a sensor's axes are the body's x, y and z.
+/// Returns the names of the sensor axes that form the body's x, y and z axes.
 fn axis_names(axes: &Matrix3<f64>) -> String {
     let name = |row: usize| {
         let column = (0..3).find(|column| axes[(row, *column)] != 0.0).unwrap_or(row);
@@ -334,10 +334,10 @@ fn axis_names(axes: &Matrix3<f64>) -> String {
 }
 
 /// Creates the diagnosis of a body that is constantly upside down. `mean_cosine` is the mean cosine
-/// of the angle between force and field.
+/// of the angle between force and magnetic field.
 pub(crate) fn upside_down(force: [f64; 3], mean_cosine: Option<f64>) -> Diagnosis {
-    /// Minimum |cosine| of the angle between force and field for distinguishing up from down. It
-    /// corresponds to 81°, which is reached within 5° of the magnetic equator.
+    /// Minimum |cosine| of the angle between force and magnetic field for distinguishing up from
+    /// down. It corresponds to 81°, which is reached within 5° of the magnetic equator.
     const INCLINED: f64 = 0.15;
     let frd = cause(
         "axes forward, right, down (FRD, NED)",

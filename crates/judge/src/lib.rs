@@ -54,8 +54,8 @@ const MAX_SPAN_S: f64 = 120.0;
 /// Number of samples after which the check ends, regardless of their timestamps: one minute at 8
 /// kHz.
 const MAX_SAMPLES: u64 = 500_000;
-/// Largest magnitude of a component that is checked. Its square and the products of such squares
-/// stay finite.
+/// Largest magnitude of a vector component for its sample to be checked. The square and the
+/// products of such squares stay finite.
 const SQUARE_SAFE_MAX: f64 = 1e9;
 /// Minimum number of clipped rates for a diagnosis. Throwing the body causes only a few.
 const MIN_CLIPPED_RATES: u64 = 50;
@@ -106,7 +106,7 @@ impl Default for InputCheck {
             orientation: OrientationCheck::default(),
             rate_axes: AxisMonitor::new("rate", "gyro", MIN_RATE_RANGE_RAD_S),
             force_axes: AxisMonitor::new("force", "accelerometer", MIN_FORCE_RANGE_M_S2),
-            // Iron in the vehicle can multiply the field, so its range is not checked.
+            // Iron in the vehicle can multiply the magnetic field, so its range is not checked.
             field_axes: AxisMonitor::new("field", "magnetometer", f64::INFINITY),
             new_fields: FieldMonitor::default(),
             samples: 0,

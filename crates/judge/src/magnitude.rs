@@ -9,8 +9,8 @@ use crate::diagnosis::{self, Diagnosis};
 /// vehicle sustains 5 g. Confusing g and m/s² changes the force by a factor of 9.8, which takes it
 /// out of the range.
 const PLAUSIBLE_FORCE_G: std::ops::Range<f64> = 0.5..5.0;
-/// Plausible median field, µT. The Earth's field is 22 to 67 µT. Uncalibrated vehicle iron can
-/// remove two thirds of it or add three times as much.
+/// Plausible median magnetic field, µT. The Earth's field is 22 to 67 µT. Uncalibrated vehicle iron
+/// can remove two thirds of it or add three times as much.
 const PLAUSIBLE_FIELD_UT: std::ops::Range<f64> = 8.0..240.0;
 /// Plausible median sample interval, s. Inertial sensors sample at 1.7 Hz to 50 kHz. If ms are read
 /// as s, the interval is out of this range for any sensor below 1.7 kHz; if µs are read as s, it is
@@ -30,12 +30,12 @@ const MIN_COUNT: u64 = 50;
 /// The unit of time is considered wrong if more than one in `LEAP_FACTOR` samples has a clock leap.
 /// A smaller share indicates isolated faults.
 const LEAP_FACTOR: u64 = 2;
-/// Minimum number of rejected field samples for a diagnosis, and also the minimum ratio of rejected
-/// to accepted samples. If the fields are in nT, all samples are rejected as out of range, while a
-/// magnet causes the rejection of only some.
+/// Minimum number of rejected magnetic field samples for a diagnosis, and also the minimum ratio of
+/// rejected to accepted samples. If the samples are in nT, all samples are rejected as out of
+/// range, while a magnet causes the rejection of only some.
 const MIN_REJECTED_FIELDS: u64 = 10;
 
-/// Quantiles of interval, force and field.
+/// Quantiles of sample interval, force and magnetic field.
 #[derive(Debug, Clone, Default)]
 pub(crate) struct MagnitudeCheck {
     interval_s: Quantiles,

@@ -24,8 +24,8 @@ const MIN_OBSERVED_S: f64 = 4.0;
 /// Minimum share of the observation time for which the body must be upside down for a diagnosis. A
 /// body that is turned over by hand stays below it.
 const MIN_UPSIDE_DOWN_SHARE: f64 = 0.9;
-/// Minimum number of field samples for the field to be used. A single sample has up to 45° of
-/// noise.
+/// Minimum number of magnetic field samples for the field to be used. A single sample has up to 45°
+/// of noise.
 const MIN_FIELDS: u64 = 10;
 
 /// Check of the share of time for which the body is upside down.
@@ -38,7 +38,7 @@ pub(crate) struct OrientationCheck {
     force: Vector3<f64>,
     last_up: Option<Vector3<f64>>,
     fields: u64,
-    /// Sum of the cosines of the angles between force and field.
+    /// Sum of the cosines of the angles between force and magnetic field.
     cosine_sum: f64,
 }
 

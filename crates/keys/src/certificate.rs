@@ -17,7 +17,7 @@ use crate::{Host, KeysError, Party};
 pub const AUTHORITY_DAYS: u32 = 3650;
 /// Default validity of a certificate, days.
 pub const DEFAULT_DAYS: u32 = 365;
-/// Time by which the start of the validity precedes the issue, for hosts with a slow clock.
+/// Time from the start of the validity to the time of issue. It allows for hosts with a slow clock.
 const BACKDATING: Duration = Duration::DAY;
 
 /// Certificate and its private key, as PEM.
@@ -41,7 +41,7 @@ impl Authority {
     ///
     /// # Errors
     ///
-    /// Returns [`KeysError::CreateCertificate`] if the library fails to create it.
+    /// Returns [`KeysError::CreateCertificate`] if the library cannot create the certificate.
     pub fn new() -> Result<(Self, IssuedCertificate), KeysError> {
         Self::generate().map_err(|cause| KeysError::CreateCertificate { subject: "the authority".into(), cause })
     }

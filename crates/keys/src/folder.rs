@@ -157,8 +157,8 @@ impl Keys {
 
     /// Issues a certificate to a party and adds the party to the access list.
     ///
-    /// With `hosts` it is also a server certificate for these hosts. A vehicle may import the ticks
-    /// of the vehicles in `imports`.
+    /// If `hosts` is not empty, the certificate is also a server certificate for these hosts. A
+    /// vehicle may import the ticks of the vehicles in `imports`.
     ///
     /// # Errors
     ///
@@ -257,7 +257,7 @@ impl Keys {
         valid.chain(revoked.iter().map(|path| holder(path, true))).collect()
     }
 
-    /// Returns the parties on the access list, in order.
+    /// Returns the parties on the access list, sorted by role and name.
     ///
     /// # Errors
     ///
@@ -334,7 +334,7 @@ impl Keys {
     }
 }
 
-/// Returns the parties that have a folder in `folder`, in order.
+/// Returns the parties that have a folder in `folder`, sorted by role and name.
 fn parties(folder: &Path) -> Result<Vec<Party>, KeysError> {
     let entries = match fs::read_dir(folder) {
         Ok(entries) => entries,

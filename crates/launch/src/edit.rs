@@ -12,7 +12,7 @@ use toml_edit::{DocumentMut, Item, Table, TomlError};
 
 use crate::{Launch, problem::Problems};
 
-/// Key of the parameters of a stage.
+/// Key of the table that contains the parameters of a stage.
 const PARAMETERS: &str = "set";
 
 /// Failure to change a launch file. The file remains unchanged.
@@ -57,7 +57,7 @@ pub enum EditError {
 pub fn write_sections(path: &Path, block: &str) -> Result<(), EditError> {
     let file_error = |cause| EditError::File { path: path.into(), cause };
     let syntax_error = |cause: TomlError| EditError::Syntax { path: path.into(), cause: cause.to_string().into() };
-    // Created with the permissions of the user's new files.
+    // A new file gets the user's default permissions.
     match fs::File::create_new(path) {
         Err(cause) if cause.kind() != io::ErrorKind::AlreadyExists => return Err(file_error(cause)),
         Ok(_) | Err(_) => {}

@@ -94,7 +94,7 @@ fn lines(section: &SectionDescription, table: Option<&dyn TableLike>) -> Vec<Str
                 .conditions
                 .iter()
                 .any(|condition| values.iter().any(|(name, value)| *condition == format!("{name} = {value}")));
-        // A key that is allowed with several settings is described for each of them.
+        // The description of a key that several settings allow is repeated for each setting.
         if values.iter().any(|(name, _)| *name == key.name) {
             continue;
         }

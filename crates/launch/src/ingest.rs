@@ -246,7 +246,8 @@ impl Ingest {
         }
     }
 
-    /// Returns the sample rate for which buffers are made, Hz: the declared one, if any.
+    /// Returns the sample rate for which buffers are made, Hz: the declared rate, or 1000 Hz if
+    /// none is declared.
     pub fn nominal_rate_hz(&self) -> f64 {
         self.declared_rate_hz().unwrap_or(DEFAULT_RATE_HZ)
     }

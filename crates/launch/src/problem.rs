@@ -72,7 +72,8 @@ impl Problem {
         let escaped = |text: &String| ForeignText::from(text.as_str()).to_string();
         let [title, label] = [&self.title, &self.label].map(escaped);
         let [help, note] = [&self.help, &self.note].map(|hint| hint.as_ref().map(escaped));
-        // The renderer shows lines of the file, to which the spans refer.
+        // The renderer shows lines of the file. The replacements keep the length of the text, so
+        // that the spans remain valid.
         let text = &*foreign::masked(&text.replace("\r\n", " \n"));
         let primary = AnnotationKind::Primary.span(within(&self.span, text)).label(label);
         let context = self

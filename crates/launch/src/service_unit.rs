@@ -79,8 +79,8 @@ impl Access {
         Ok(())
     }
 
-    /// Permits a serial port. Ports are permitted by driver, because one that is plugged in after
-    /// the start of the unit is a new device.
+    /// Permits a serial port. The permission is given to the port's driver, because a port that is
+    /// plugged in after the start of the unit is a new device.
     fn permit_serial_port(&mut self, path: &Path) -> Result<(), UnsupportedDevicePath> {
         let unsupported = || UnsupportedDevicePath { path: path.into() };
         let text = path.to_str().ok_or_else(unsupported)?;

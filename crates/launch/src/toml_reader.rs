@@ -61,7 +61,7 @@ impl Values {
     }
 }
 
-/// Reads a file and returns its problems. Paths in it are relative to `folder`.
+/// Reads a file and returns its problems. Paths in the file are relative to `folder`.
 pub(crate) fn read_root<'t>(
     root: &'t DeTable<'t>,
     folder: Option<&'t Path>,

@@ -55,7 +55,8 @@ fn explain(endpoint: &str, cause: &str) -> String {
     let known = [
         ("Connection refused", "no process listens there; `plumb ps` on board shows where the gateway listens"),
         ("UnknownIssuer", "its certificate was issued by another authority than these keys"),
-        // This error occurs if the authority that issued the certificate has the same name as ours.
+        // This error occurs if the certificate was issued by another authority with the same name
+        // as this program's authority.
         ("BadSignature", "its certificate was issued by another authority than these keys"),
         (
             "NotValidForName",

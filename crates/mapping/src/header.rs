@@ -5,7 +5,8 @@ use crate::{
     units::{FIELD, FORCE, RATE, unit_named},
 };
 
-/// Names before or after the axis, without separators and in lower case, by target.
+/// Names that precede or follow the axis in a column name, by target. They are in lower case and
+/// without separators.
 const STEMS: [([&str; 3], &[&str]); 3] = [
     (
         RATE,
@@ -29,7 +30,7 @@ const STEMS: [([&str; 3], &[&str]); 3] = [
 ];
 /// Names of a time column, without separators and in lower case.
 const TIME_STEMS: [&str; 5] = ["t", "time", "timestamp", "elapsed", "elapsedtime"];
-/// Shortest name that may follow its axis, as in `x_gyro`.
+/// Minimum length of a name that follows its axis, as in `x_gyro`.
 const MIN_STEM_AFTER_AXIS: usize = 3;
 /// Maximum length of a name that is parsed, which bounds the time for arbitrary text.
 const MAX_NAME_BYTES: usize = 64;
@@ -122,7 +123,7 @@ fn bracketed(name: &str) -> Option<&str> {
 }
 
 /// Returns the positions at which the last words of a name start: after each separator, and at each
-/// capital letter that follows a small one.
+/// capital letter that follows a lower-case letter.
 fn word_starts(name: &str) -> impl Iterator<Item = usize> + '_ {
     let pairs = name.char_indices().zip(name.chars().skip(1));
     pairs.filter_map(|((at, first), second)| {

@@ -390,11 +390,12 @@ impl Mapping {
     /// it does not match. If several columns match, those with the lowest rank are selected.
     ///
     /// A unit in brackets at the end of the name is ignored. The time of a recording is called
-    /// `t_s`. Without a mapping of the columns, names such as `gyro_x` or `GyroX_dps` also match.
+    /// `t_s`. If the user has not mapped the columns, names such as `gyro_x` or `GyroX_dps` also
+    /// match.
     pub fn match_rank(&self, target: &str, name: &str) -> Option<u8> {
         let column = self.column(target).unwrap_or(target);
         let plain = without_unit(name);
-        // Without a mapping of the columns, a unit of time also applies to this column.
+        // If the user has not mapped the columns, a unit of time also applies to the column `t_s`.
         let is_seconds = !self.is_explicit || self.time_digits() == SECOND_DIGITS;
         let is_recording_time = column == "t" && plain == RECORDING_TIME_COLUMN && is_seconds;
         if name == column {

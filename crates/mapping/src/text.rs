@@ -113,8 +113,8 @@ impl<'a> Line<'a> {
 }
 
 /// Returns `true` if `line` is a row of values. In such a row, at least two of the fields, and at
-/// least half of those that are not blank, are numbers or times. It is sufficient if this holds for
-/// one of the separators.
+/// least half of those that are not blank, are numbers or times. This need hold for only one of the
+/// separators.
 pub fn is_row(line: &str) -> bool {
     Separator::ALL.into_iter().any(|separator| {
         let fields = separator.fields(line);
@@ -128,7 +128,8 @@ pub fn is_row(line: &str) -> bool {
     })
 }
 
-/// Returns the names of the columns of text that does not name them, for rows of `count` fields.
+/// Returns the assumed column names of a text without names. Its rows have `count` fields. Returns
+/// `None` if names are required for this number of fields.
 pub fn unnamed_columns(count: usize) -> Option<&'static [&'static str]> {
     UNNAMED_COLUMNS.get(..count).filter(|_| UNNAMED_COLUMN_COUNTS.contains(&count))
 }
@@ -318,7 +319,7 @@ fn date_parts(date: &str) -> Option<(i64, i64, i64)> {
     }
 }
 
-/// Parses the time of a date, with or without colons.
+/// Parses the time of day that follows a date, with or without colons.
 fn clock_ns(time: &str) -> Option<i64> {
     let (whole, fraction) = time.split_once(['.', ',']).unwrap_or((time, "0"));
     match (whole.len(), whole.get(..2), whole.get(2..4), whole.get(4..)) {

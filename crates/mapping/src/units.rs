@@ -9,7 +9,7 @@ pub const FORCE: [&str; 3] = ["ax", "ay", "az"];
 /// Targets of the magnetic field.
 pub const FIELD: [&str; 3] = ["mx", "my", "mz"];
 
-/// Quantity that a unit measures, with the factor that converts the unit to the internal one.
+/// Quantity that a unit measures, with the factor from the unit to the internal one.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) enum Unit {
     Rate(f64),
@@ -73,7 +73,8 @@ impl Unit {
     }
 }
 
-/// Returns the unit of the field in which `magnitude` is about that of the Earth's field, if any.
+/// Returns the unit in which the Earth's magnetic field has about the value `magnitude`, if there
+/// is such a unit.
 pub fn unit_of_earth_field(magnitude: f64) -> Option<&'static str> {
     /// The Earth's field of 22 to 67 µT, with an allowance for iron. The range spans less than a
     /// factor of ten, because some units differ by this factor.

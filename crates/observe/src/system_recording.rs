@@ -27,7 +27,7 @@ const LIVENESS_INTERVAL: Duration = Duration::from_millis(200);
 /// Timeout for reattaching after the supervisor has renewed the system's bus.
 const RENEWAL_TIMEOUT: Duration = Duration::from_secs(10);
 
-/// Error of the start of a recording.
+/// Error when starting a recording.
 #[derive(Debug, thiserror::Error)]
 pub enum SystemRecordingError {
     /// The system cannot be observed.
@@ -111,8 +111,9 @@ impl SystemRecording {
         None
     }
 
-    /// Attaches to the renewed bus of the same system. Returns `None` once the observer is attached
-    /// and while the bus is awaited, otherwise the reason why there is no bus.
+    /// Attaches to the renewed bus of the same system. Returns `None` once the observer is
+    /// attached, or while the bus may still be renewed. Otherwise returns the reason why there is
+    /// no bus.
     fn reattach(&mut self, supervisor: u32, since: Instant) -> Option<&'static str> {
         let is_alive = Path::new(&format!("/proc/{supervisor}")).exists();
         match Observer::attach(&self.system, "record") {

@@ -33,7 +33,7 @@ pub struct Collector {
     last: Option<AttitudeOutput>,
     /// Longest interval between two publications since the last call of `take_gap_ns`, ns.
     gap_ns: u64,
-    /// Tick of the last swap to another kind of stage, and the attitude jump at that tick, rad.
+    /// Tick of the last swap to another stage, and the attitude jump at that tick, rad.
     last_swap: Option<(u64, f64)>,
     not_recorded: u64,
     lines: Option<AttitudeLines>,
@@ -191,8 +191,7 @@ impl Collector {
         std::mem::take(&mut self.gap_ns)
     }
 
-    /// Returns the tick of the last swap to another kind of stage, and the attitude jump at that
-    /// tick, rad.
+    /// Returns the tick of the last swap to another stage, and the attitude jump at that tick, rad.
     pub fn last_swap(&self) -> Option<(u64, f64)> {
         self.last_swap
     }

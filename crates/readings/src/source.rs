@@ -1,4 +1,5 @@
-//! Sources of readings: simulation and recording. Readings over the bus are received in `feed`.
+//! Sources of readings: simulation and recording. Readings over the bus are received by the service
+//! `ingest`.
 
 use std::path::{Path, PathBuf};
 

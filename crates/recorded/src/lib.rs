@@ -3,7 +3,8 @@
 //! Input: the folder in the environment variable `PLUMBLINE_DATA`, else `../shared/data` relative
 //! to the workspace, when the test is compiled.
 //!
-//! Output: a test that `cargo test` ignores with a reason, and counts, if the folder is missing.
+//! Output: a test. If the folder is missing, `cargo test` ignores and counts the test, and prints
+//! the reason.
 #![forbid(unsafe_code)]
 
 use std::{

@@ -11,8 +11,8 @@ use std::io::{self, Read};
 
 use flate2::read::MultiGzDecoder;
 
-/// Maximum ratio of decompressed to compressed size. Recordings stay below 50; a file that only
-/// keeps the reader busy can reach 1000.
+/// Maximum ratio of decompressed to compressed size. Recordings stay below 50. A file crafted to
+/// keep the reader busy can reach 1000.
 const MAX_RATIO: u64 = 250;
 /// Decompressed size below which the ratio is not limited, bytes.
 const MIN_LIMITED_BYTES: u64 = 1 << 26;

@@ -33,9 +33,9 @@ const MAX_SLOW_GAP_NS: i64 = 1_100_000_000;
 /// Cosine of half the largest rotation across which slow rows are interpolated: 5°.
 const MIN_HALF_ROTATION_COS: f64 = 0.999_048_221_581_857_8;
 
-/// Maximum number of rows that are read to judge a series.
+/// Maximum number of rows read to decide whether slow rows are interpolated.
 const MAX_JUDGED_ROWS: usize = 10_000;
-/// Maximum share of large rotations in a slow series that is interpolated.
+/// Maximum share of large rotations between slow rows for these rows to be interpolated.
 ///
 /// If only the calm parts of a motion were interpolated, they would outweigh the others in the
 /// errors.
@@ -54,7 +54,7 @@ type ReferenceRow = (i64, Option<Reference>);
 /// Reader of a reference attitude, to be advanced in step with the rows of a recording.
 pub struct References {
     table: Table<Columns>,
-    /// `true` if slow rows are interpolated.
+    /// `true` if slow rows are interpolated, because the rotations between them are usually small.
     is_calm: bool,
     before: Option<ReferenceRow>,
     after: Option<ReferenceRow>,
@@ -133,9 +133,9 @@ fn open_table(path: &Path) -> Result<Table<Columns>, RecordingError> {
     })
 }
 
-/// Returns `true` unless the rows are slow and the rotation between two slow rows is often large.
-/// Only the rows before the first malformed one are used. The malformed row is reported when the
-/// reader reaches it.
+/// Returns `true` if there are no slow rows, or if the rotation between two of them is rarely
+/// large. Only the rows before the first malformed one are used. The malformed row is reported when
+/// the reader reaches it.
 fn is_calm(mut table: Table<Columns>) -> bool {
     let (mut before, mut slow, mut large) = (None::<ReferenceRow>, 0usize, 0usize);
     let rows = std::iter::from_fn(|| table.next(parse_row)?.ok());

@@ -66,7 +66,7 @@ pub fn capture<S: SlotProcessor>(slot: &mut S, incarnation: u32, swapped: bool, 
     slot.stage().visit_values(&mut |value| words.push(value.to_bits()));
     let len = words.len;
     record.stage_words = (len - stage_start) as u32;
-    // The words after the state are zero.
+    // The words after the state must be zero.
     if let Some(unused) = record.words.get_mut(len..used) {
         unused.fill(0);
     }

@@ -191,7 +191,7 @@ pub struct Join<I> {
     lateness_ticks: u64,
     /// End of the backlog: earlier ticks have been published and may still be in delivery.
     backlog_end: u64,
-    /// The backlog is given up as soon as any dense input reaches this tick.
+    /// The backlog is given up as soon as the newest tick of any dense input is this one or later.
     backlog_deadline: u64,
     emits_empty_ticks: bool,
     sequence: Sequence,
@@ -316,9 +316,10 @@ impl<I: JoinInputs> Join<I> {
     /// Returns the next tick to release, or the index of the input that it waits for.
     fn next_due(&self) -> Result<u64, usize> {
         let (mut newest, mut first, mut is_full) = (None, None, false);
-        // Among the dense inputs that have a publisher, the one furthest behind. If several are at
-        // the same tick, it is the one that received its message last: when this input receives the
-        // next tick, the others usually have it already, so a service waits only once per tick.
+        // Finds the dense input that is furthest behind among those that have a publisher. If
+        // several are at the same tick, it is the one that received its message last: when this
+        // input receives the next tick, the others usually have it already, so a service waits only
+        // once per tick.
         let (mut index, mut slowest) = (0, None);
         self.inputs.each(&mut |input| {
             is_full |= input.is_full;
@@ -335,7 +336,8 @@ impl<I: JoinInputs> Join<I> {
         });
         let slowest = slowest.map_or(0, |(_, index)| index);
         let empty = Some(self.sequence.next_tick).filter(|_| self.emits_empty_ticks);
-        // Without this limit, a tick far ahead, such as one from another host, would take forever.
+        // Without this limit, the empty ticks before a tick far ahead, such as one from another
+        // host, would take forever.
         let is_emitted = |empty: &u64| first.is_none_or(|first| first.saturating_sub(*empty) <= MAX_QUEUED as u64);
         let next = empty.filter(is_emitted).or(first);
         let Some((tick, newest)) = next.zip(newest).filter(|(tick, newest)| tick <= newest) else {
@@ -429,7 +431,7 @@ mod tests {
 
     const NONE: Flags = Flags::NONE;
 
-    /// Returns the flags of a tick: a field every 3 ticks, and a fix every 5 ticks.
+    /// Returns the flags of a tick: the flag `field` on every third tick, and `fix` on every fifth.
     fn flags(tick: u64) -> Flags {
         Flags::FIELD.when(tick.is_multiple_of(3)) | Flags::FIX.when(tick.is_multiple_of(5))
     }

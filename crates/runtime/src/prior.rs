@@ -76,8 +76,8 @@ const MIN_SCALE_SD: f64 = 0.002;
 /// unit. [`Estimate::validate`] limits the gyro scale error.
 ///
 /// A larger value comes from a damaged or forged file rather than from a sensor: the zero-rate
-/// level of consumer gyros is within a few °/s, and a field of 1000 µT exceeds that of the Earth 20
-/// times.
+/// level of consumer gyros is within a few °/s, and a magnetic field of 1000 µT is 20 times that of
+/// the Earth.
 const PLAUSIBLE: [(&str, f64, f64, &str); 2] =
     [("gyro bias", 15.0, 180.0 / std::f64::consts::PI, "°/s"), ("hard iron", 1000.0, 1.0, "µT")];
 
@@ -124,7 +124,7 @@ impl Prior {
         (prior.has_estimate() && prior.is_valid() && prior.implausible_value().is_none()).then_some(prior)
     }
 
-    /// Returns this prior. If it has no scale error, the result has that of `before`.
+    /// Returns this prior. If it has no gyro scale error, that of `before` is added.
     #[must_use]
     pub fn or_scale_from(self, before: Option<Self>) -> Self {
         Self { gyro_scale: self.gyro_scale.or(before.and_then(|before| before.gyro_scale)), ..self }

@@ -22,15 +22,15 @@ const PARAMETERS: [(&str, &str, Selector, Rule); 5] = [
     ("accel_bias_walk_m_s2_sqrt_s", "accelerometer", |axis| &axis.bias_walk, Rule::AtLeastDefault),
 ];
 
-/// Parameters for a fuser.
+/// Fuser parameters that were determined from the noise.
 pub(super) struct Settings {
     /// Section for the launch file; empty if no parameter is determined.
     pub(super) block: String,
     pub(super) note: Option<String>,
 }
 
-/// Returns the parameters of the fuser `stage` that follow from the noise. A fuser has one value
-/// for all axes, which is that of the noisiest axis.
+/// Returns the parameters of the fuser `stage` that follow from the noise. Each parameter has one
+/// value for all axes: that of the noisiest axis.
 pub(super) fn from_noise(sensors: &[SensorNoise], stage: &str) -> Settings {
     let Some(fuser) = Fuser::from_name(stage) else {
         let note = format!("the fuser {stage} is not a built-in stage, so its parameters for noise are unknown");
@@ -66,7 +66,8 @@ pub(super) fn from_noise(sensors: &[SensorNoise], stage: &str) -> Settings {
     Settings { block, note }
 }
 
-/// Returns the largest determined value of the axes of a sensor, and `true` if all are determined.
+/// Returns the largest determined value among the axes of `sensor`, and `true` if the value of
+/// every axis is determined.
 fn largest(sensors: &[SensorNoise], sensor: &str, estimate: Selector) -> (Option<f64>, bool) {
     let axes = sensors.iter().filter(|noise| noise.sensor == sensor).flat_map(|noise| &noise.axes);
     let values = axes.map(|axis| match estimate(axis) {
@@ -77,7 +78,7 @@ fn largest(sensors: &[SensorNoise], sensor: &str, estimate: Selector) -> (Option
     (values.flatten().reduce(f64::max), is_complete)
 }
 
-/// Returns the value with three significant digits.
+/// Rounds a value to three significant digits.
 fn rounded(value: f64) -> f64 {
     format!("{value:.2e}").parse().unwrap_or(value)
 }

@@ -160,7 +160,7 @@ fn mag_delay_matches_literature_and_added_delay() {
     };
     let original_ms = delay_ms(&readings);
     assert!((original_ms - 13.0).abs() < 1.0, "{original_ms} ms");
-    // Delays the field by three rows of 3.5 ms.
+    // Delays the magnetic field by three rows of 3.5 ms each.
     for row in (3..readings.len()).rev() {
         readings[row].field_ut = readings[row - 3].field_ut;
     }

@@ -49,7 +49,7 @@ fn fourier(values: &mut [(f64, f64)]) {
 /// Returns two independent signals of flicker noise with the power spectral density B²/(2πf) and
 /// B = 1.
 fn flicker(count: usize, noise: &mut Noise) -> Vec<(f64, f64)> {
-    // The signal is periodic, so only a part of a longer one is used.
+    // The signal is periodic. To hide the period, a longer signal is generated and cut off.
     let n = (3 * count).next_power_of_two();
     let mut spectrum: Vec<_> = (0..n)
         .map(|k| {
@@ -65,7 +65,7 @@ fn flicker(count: usize, noise: &mut Noise) -> Vec<(f64, f64)> {
     spectrum
 }
 
-/// Returns a signal with this noise.
+/// Returns a signal with the noise `truth`.
 fn signal(truth: &Truth, flicker: impl Iterator<Item = f64>, noise: &mut Noise) -> Vec<f64> {
     let mut bias = 0.0;
     let values = flicker.map(|flicker| {
@@ -250,7 +250,7 @@ fn recording_in_motion_is_rejected() {
 fn gaps_and_irregular_intervals_are_reported() {
     let whole = resting(1200.0, &GYRO, &ACCEL, 9);
     let mut samples = whole.clone();
-    // Every hundredth reading is lost, and 30 s in the middle.
+    // Every hundredth reading is lost, and so are 30 s of readings in the middle.
     let mut index = 0;
     samples.retain(|sample| {
         index += 1;

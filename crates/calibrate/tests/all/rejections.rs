@@ -116,7 +116,8 @@ fn invalid_readings_are_skipped() {
         let at = 200 + 100 * i;
         let invalid = Sample { force_m_s2: Vector3::repeat(value), ..samples[at] };
         let field = Sample { t_ns: invalid.t_ns, field_ut: Some(Vector3::repeat(value)), ..samples[at] };
-        // The last two readings: one repeats a timestamp, the other goes back in time.
+        // The timestamps of the last two readings are invalid: one is a repetition, the other is
+        // earlier than the previous one.
         samples.splice(at..at, [invalid, field, samples[at], Sample { t_ns: i64::MIN, ..samples[at] }]);
     }
     let report = run_calibration(Kind::Accel, &Prior::default(), &samples).unwrap();

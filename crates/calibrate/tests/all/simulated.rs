@@ -198,8 +198,8 @@ fn mounting_level_and_nose_down_pose_match_truth() {
         let mounting = exp(noise.direction() * (3.1 * noise.unit()));
         let level = exp(Vector3::z() * noise.within(3.0));
         let angle_rad = 0.5 + 0.8 * noise.unit();
-        // A nose-down pose is refused if it has an axis of the unit near the vertical and the level
-        // pose has none. Such poses are therefore avoided.
+        // The calibration refuses a nose-down pose if one of the unit's axes is near the vertical
+        // in this pose, but none is in the level pose. The test avoids such poses.
         let nose_down = [angle_rad, angle_rad + 0.4]
             .map(|angle_rad| level * exp(Vector3::x() * -angle_rad))
             .into_iter()

@@ -74,7 +74,7 @@ impl Errors {
         delay_s: 0.0,
     };
 
-    /// Returns the raw reading that corresponds to an exact one.
+    /// Returns the raw reading that this unit would report for the exact reading `sample`.
     pub(crate) fn distort(&self, sample: &Sample) -> Sample {
         let raw = |matrix: &Matrix3<f64>, exact: Vector3<f64>, bias: Vector3<f64>| {
             matrix.try_inverse().unwrap() * exact + bias
@@ -160,7 +160,7 @@ impl Unit {
     }
 }
 
-/// Returns the rotation about the direction of `rotation` by its length, rad.
+/// Returns a rotation about the axis `rotation`. The length of this vector is the angle, rad.
 pub(crate) fn exp(rotation: Vector3<f64>) -> Quaternion<f64> {
     let half = 0.5 * rotation.norm();
     let along = if half > 1e-12 { rotation * (half.sin() / (2.0 * half)) } else { rotation * 0.5 };

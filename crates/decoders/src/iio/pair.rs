@@ -3,7 +3,8 @@
 //! Input: bytes of both character devices, interleaved in any way.
 //!
 //! Output: a measurement per gyro record. Its force is interpolated between the two surrounding
-//! accelerometer records if they are close to each other, else taken from the nearest one.
+//! accelerometer records if they are close to each other in time. Otherwise it is taken from the
+//! nearest record.
 //!
 //! Time: the timestamp of the gyro record. Both devices use the same clock. A gyro record is held
 //! until a later force arrives, for at most [`MAX_WAIT_NS`] on the gyro's clock.

@@ -29,8 +29,8 @@ const TIMESTAMP: &str = "in_timestamp";
 const ROTATION_TOLERANCE: f64 = 0.01;
 const IDENTITY: [[f64; 3]; 3] = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]];
 
-/// Returns the folder of a device. `name` is the content of its file `name`, or the name of the
-/// folder.
+/// Returns the folder of the device with this name, which is the content of its file `name` or the
+/// name of the folder itself.
 ///
 /// # Errors
 ///
@@ -52,9 +52,9 @@ pub fn find(root: &Path, name: &str) -> Result<PathBuf, IioError> {
 
 /// Configures a device and enables its buffer.
 ///
-/// Enables the channels of rate, force, field and time, sets the timestamps to CLOCK_MONOTONIC if
-/// possible, sets the sampling rate to `rate_hz` if given, and enables the buffer with room for
-/// `buffer_records` records.
+/// Enables the channels of rate, force, magnetic field and time, sets the timestamps to
+/// CLOCK_MONOTONIC if possible, sets the sampling rate to `rate_hz` if given, and enables the
+/// buffer with room for `buffer_records` records.
 ///
 /// # Errors
 ///
@@ -204,7 +204,7 @@ fn parse_channel_type(text: &str) -> Option<(Channel, usize)> {
 
 fn clock(device: &Path) -> Result<Clock, IioError> {
     let path = device.join("current_timestamp_clock");
-    // Older drivers have no such file and always use CLOCK_REALTIME.
+    // Older drivers lack this file and always use CLOCK_REALTIME.
     if !path.exists() {
         return Ok(Clock::Realtime);
     }

@@ -20,7 +20,8 @@ pub fn checksum(covered: &[u8], crc_extra: u8) -> u16 {
 
 /// Returns the CRC seed of a message, or `None` if the message is unknown.
 ///
-/// The seed is derived from the fields of the message, so sender and receiver agree on its layout.
+/// The seed is derived from the message definition. A checksum therefore matches only if sender and
+/// receiver use the same layout.
 pub fn crc_extra(message: u32) -> Option<u8> {
     let index = CRC_EXTRA.binary_search_by_key(&message, |(id, _)| *id).ok()?;
     Some(CRC_EXTRA[index].1)

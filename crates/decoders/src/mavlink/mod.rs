@@ -2,7 +2,7 @@
 //!
 //! | message | use |
 //! | --- | --- |
-//! | HIGHRES_IMU | first IMU (`id` 0) only: rate and force if `fields_updated` marks all six values, and the field if marked. A field without rate and force is a separate measurement |
+//! | HIGHRES_IMU | first IMU (`id` 0) only: rate and force if `fields_updated` marks all six values, and the magnetic field if marked. A magnetic field without rate and force is a separate measurement |
 //! | SCALED_IMU, SCALED_IMU2, SCALED_IMU3 | mrad/s, mg, mgauss |
 //! | RAW_IMU | unitless numbers, decoded only if selected and if a [`RawScale`] is set |
 //! | GPS_RAW_INT | ground speed and course, see below |
@@ -10,9 +10,10 @@
 //! | ATTITUDE, ATTITUDE_QUATERNION | no measurement; [`Mavlink::attitude`] decodes them |
 //! | others | counted |
 //!
-//! Only one system, one component and one kind of IMU message are decoded. Unless they are
-//! selected, those of the first sender of rate and force are chosen, until it has been silent for
-//! [`crate::SENDER_TIMEOUT`]. Measurements of other systems and components are counted as foreign.
+//! Only one system, one component and one kind of IMU message are decoded. If the settings do not
+//! select them, the first sender of rate and force is chosen and remains so until it has been
+//! silent for [`crate::SENDER_TIMEOUT`]. Measurements of other systems and components are counted
+//! as foreign.
 //!
 //! Axes: vectors of the IMU are converted from (forward, right, down) to (right, forward, up), and
 //! velocities from (north, east, down) to (east, north, up). No mounting is needed, because the
@@ -23,8 +24,8 @@
 //!
 //! Vertical velocity: GPS_RAW_INT does not contain the vertical velocity. The decoder sets it to 0
 //! with a standard deviation of at least [`crate::ASSUMED_VERTICAL_SD_M_S`], which suits ground
-//! vehicles and boats. GLOBAL_POSITION_INT
-//! has a vertical velocity, but its estimate includes the autopilot's own IMU.
+//! vehicles and boats. GLOBAL_POSITION_INT has a vertical velocity, but it is an estimate that also
+//! uses the autopilot's own IMU.
 //!
 //! Limits: signatures are not verified. Messages unknown to the dialect `ardupilotmega` (with
 //! `common`) cannot be recognised and count as skipped bytes.
@@ -57,7 +58,7 @@ const HIGHRES_IMU: u32 = 105;
 const SCALED_IMU2: u32 = 116;
 const SCALED_IMU3: u32 = 129;
 
-/// Bits of `fields_updated` for three axes of force, rate and field.
+/// Bits of `fields_updated` for three axes of force, rate and magnetic field.
 const FORCE_UPDATED: u16 = 0b000_000_111;
 const RATE_UPDATED: u16 = 0b000_111_000;
 const FIELD_UPDATED: u16 = 0b111_000_000;
@@ -88,7 +89,7 @@ struct ImuSender {
     message: ImuMessage,
 }
 
-/// Selection of system and messages. Unset parts are selected automatically.
+/// Selection of the system and the messages to decode.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub struct MavlinkSettings {
     /// System to decode; `None` chooses the first one that sends rate and force.
@@ -146,7 +147,7 @@ pub struct RawScale {
     pub rate_rad_s: f64,
     /// Specific force for the number 1, m/s².
     pub force_m_s2: f64,
-    /// Field for the number 1, µT.
+    /// Magnetic field for the number 1, µT.
     pub field_ut: f64,
 }
 
@@ -184,7 +185,8 @@ impl Mavlink {
         Some(AttitudeEstimate { time: since_boot(payload.u32(0)), quaternion, is_quaternion })
     }
 
-    /// Decodes a message. Returns `false` if its measurement is of a sender that is not decoded.
+    /// Decodes a message. Returns `false` if its measurement comes from a sender that is not
+    /// decoded.
     fn process(&mut self, header: &Header, payload: &[u8], measurements: &mut Vec<Measurement>) -> bool {
         let Some((imu, measurement)) = self.decode(header.message, &Payload::new(payload)) else { return true };
         let chosen = self.choice.chosen(self.now);
@@ -196,7 +198,8 @@ impl Mavlink {
             if chosen.is_some_and(|chosen| chosen.message != message) {
                 return true;
             }
-            // A field alone does not show that the message carries rate and force.
+            // A message with only a magnetic field does not show that the sender also sends rate
+            // and force.
             if matches!(measurement.value, Value::Imu { .. }) {
                 let Header { system, component, .. } = *header;
                 self.choice.confirm(ImuSender { system, component, message }, self.now);
@@ -286,11 +289,12 @@ impl Header {
     }
 }
 
-/// Payload of a message. MAVLink 2 omits trailing zeros, and older senders omit the fields that
-/// were added later; both read as zero.
+/// Payload of a message. Bytes that were not sent read as zero: MAVLink 2 omits trailing zeros, and
+/// older senders omit fields that were added later.
 struct Payload([u8; MAX_PAYLOAD_BYTES]);
 
-/// Fields are in the wire order of MAVLink: sorted by size, then the extension fields.
+/// The message fields are read in the wire order of MAVLink: sorted by size, then the extension
+/// fields.
 impl Payload {
     fn new(bytes: &[u8]) -> Self {
         let mut padded = [0; MAX_PAYLOAD_BYTES];
@@ -380,7 +384,7 @@ impl Payload {
 }
 
 impl RawScale {
-    /// Converts raw numbers. A field of zero indicates that there is no magnetometer.
+    /// Converts raw numbers. A magnetic field of zero indicates that there is no magnetometer.
     fn imu(&self, rate: [i16; 3], force: [i16; 3], field: [i16; 3]) -> Value {
         let in_units_of = |unit: f64| move |part: i16| f64::from(part) * unit;
         Value::Imu {

@@ -231,10 +231,10 @@ fn device_pair_handles_accel_loss_and_clock_reset() {
     for t_ms in (10..600).step_by(10) {
         gyro(&mut pair, t_ms);
     }
-    // The records up to 390 ms (590 − 200) have been decided: those within 100 ms of the force were
-    // used, the others rejected. Later records are still held.
+    // The gyro records up to 390 ms (590 − 200) are no longer held: those within 100 ms of a force
+    // were used, the others rejected. Later records are still held.
     assert_eq!((pair.counts().frames, pair.counts().rejected), (60, 28));
-    // After a clock reset the records held are discarded, and decoding continues.
+    // After a clock reset the held records are discarded, and decoding continues.
     gyro(&mut pair, 5);
     pair.push_accel(&record_of_one_quantity(4, 2), &mut unused);
     assert_eq!(pair.counts().rejected, 28 + 21);

@@ -113,7 +113,7 @@ fn units_in_column_names_apply() {
     let (found, counts) = read(&complete, &format!("{header}{row}"));
     assert_eq!(found, [imu(time(20_000_000), [quarter, 0.0, 0.0], [0.0, 0.0, 9.80665], Some([10.0, 0.0, 0.0]))]);
     assert_eq!(counts, Counts { frames: 2, ..Counts::default() });
-    // The units of the settings take precedence.
+    // Units in the settings take precedence over those in the header.
     let named = LineSettings {
         mapping: Mapping::parse_live::<&str>(&[], Some("rad/s,uT"), None).unwrap(),
         starts_at_line_start: true,
@@ -121,14 +121,14 @@ fn units_in_column_names_apply() {
     };
     let (found, _) = read(&named, &format!("{header}{row}"));
     assert_eq!(found, [imu(time(20_000_000), [90.0, 0.0, 0.0], [0.0, 0.0, 9.80665], Some([100.0, 0.0, 0.0]))]);
-    // A counter has the unit of its name, and a time of unknown unit is not used.
+    // The unit of a counter is part of its column name. A time of unknown unit is not used.
     let wrapping = LineSettings { time_bits: Some(32), ..complete.clone() };
     let (found, _) = read(&wrapping, &format!("{}{row}", header.replace("time_ms", "micros")));
     assert_eq!(found.first().and_then(|found| found.time), None);
     let (found, _) = read(&wrapping, &format!("{}{row}", header.replace("time_ms", "t_us")));
     let period_ns = (1 << 32) * 1000;
     assert_eq!(found.first().and_then(|found| found.time), Some(DeviceTime::Counter { now_ns: 20_000, period_ns }));
-    // Contradictory or missing units make no header.
+    // A line with contradictory or missing units does not count as a header.
     for header in [header.replace("gyro_z (deg/s)", "gyro_z (rad/s)"), header.replace(" (deg/s)", "")] {
         let (found, counts) = read(&complete, &format!("{header}{row}"));
         assert_eq!((found.len(), counts.rejected), (0, 2), "{header}");

@@ -182,8 +182,8 @@ fn rvc_datasheet_frame_gives_force_and_axes() {
     let (sine, cosine) = (-angle).sin_cos();
     let up = [y * sine + x * z * (1.0 - cosine), -x * sine + y * z * (1.0 - cosine), cosine + z * z * (1.0 - cosine)];
     let norm = force_m_s2.iter().map(|part| part * part).sum::<f64>().sqrt();
-    // The tolerance detects a wrong order of rotations: with roll before pitch the error would be
-    // 1.2e-3.
+    // The tolerance is small enough to detect a wrong order of rotations: with roll before pitch
+    // the error would be 1.2e-3.
     assert_near(up, force_m_s2.map(|part| part / norm), 1e-3);
 }
 

@@ -76,7 +76,7 @@ pub(crate) fn witmotion_frame(kind: u8, numbers: [u8; 8]) -> Vec<u8> {
     frame
 }
 
-/// Returns frames with time, force, rate, angles and field.
+/// Returns frames with time, force, rate, angles and magnetic field.
 fn witmotion_cycle(n: u32) -> Vec<u8> {
     let with = |three: [u8; 6]| [three[0], three[1], three[2], three[3], three[4], three[5], 0x10, 0x0a];
     let [low, high] = ((n * 10 % 1000) as u16).to_le_bytes();

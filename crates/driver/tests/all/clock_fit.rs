@@ -184,8 +184,8 @@ fn unknown_rate_is_measured_from_the_first_arrivals() {
     assert_is_spread(ClockFit::new(), 0.0);
 }
 
-/// Asserts that batches of samples without stamps are spread evenly, with the clock drift that
-/// follows from the nominal rate.
+/// Asserts that batches of samples without stamps are spread evenly in time, and that the measured
+/// clock drift is the opposite of `drift_ppm`.
 fn assert_is_spread(mut fit: ClockFit, drift_ppm: f64) {
     let times = unstamped(&mut fit, 0, 120 * 20);
     let settled = &times[120 * 10..];

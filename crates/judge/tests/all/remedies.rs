@@ -108,7 +108,7 @@ fn diagnosed(rows: &[Reading], launch: &Launch) -> Vec<Diagnosis> {
         .collect()
 }
 
-/// Returns the lines to paste in a remedy.
+/// Returns the lines of a remedy that a user would paste.
 fn lines(remedy: &str) -> impl Iterator<Item = &str> {
     let is_line = |part: &&str| part.starts_with("--") || part.starts_with("ingest.") && part.contains('=');
     remedy.split('`').skip(1).step_by(2).filter(is_line)

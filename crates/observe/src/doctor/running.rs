@@ -55,8 +55,9 @@ impl Observation {
         };
         while !is_over() {
             std::thread::sleep(POLL_INTERVAL);
-            // The field is read first, because the check of a sample does not wait for the field of
-            // its tick. A field that arrives between the two reads is not checked.
+            // The magnetic field is read before the samples, because the check of a sample does not
+            // wait for the field of its tick. A field that arrives between the two reads is not
+            // checked.
             field.drain(&mut |bytes| {
                 bytemuck::try_pod_read_unaligned(bytes).into_iter().for_each(|field| observation.fields.push(field));
             })?;
@@ -108,7 +109,8 @@ impl Observation {
         let rate_of = |(_, flow): &(Service, FlowMonitor)| flow.report().rate_hz;
         let samples_hz = self.flows.iter().find(|(service, _)| *service == Service::Ingest).and_then(rate_of);
         let source = config.launch.ingest.source;
-        // A live sensor determines the rate. Each topic is compared with the samples that arrive.
+        // The rate of a live sensor is not known in advance. Each topic is therefore compared with
+        // the samples that arrive.
         let expected_hz = if source.is_repeatable() { declared_hz } else { samples_hz.or(declared_hz) };
         let checks = self.flows.iter().map(|(service, flow)| rate_check(*service, flow, expected_hz, config));
         // The drivers themselves report a device with a wrong rate.

@@ -79,8 +79,8 @@ impl AttitudeLines {
                 self.fused.pop_front();
             }
             let fused = self.fused.pop_front_if(|state| state.header.tick == tick);
-            // Fused states arrive in tick order. If one of a later tick has arrived, the one of
-            // this tick is missing.
+            // Fused states arrive in tick order. If a later one has arrived, that of this tick is
+            // missing.
             let may_arrive = self.fused.is_empty() && self.attitudes.len() < MAX_PENDING;
             if fused.is_none() && may_arrive {
                 return Ok(());

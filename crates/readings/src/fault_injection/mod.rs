@@ -18,7 +18,7 @@
 //! | `intermittent` | NaN at random | no value at random | no reading at random |
 //!
 //! Faults are applied in sequence, each to the result of the previous ones, except that `delayed`
-//! uses the original values of the source. The stamp is not changed.
+//! uses the original values of the source. Timestamps are not changed.
 
 mod delay_line;
 mod fault_rng;
@@ -155,7 +155,7 @@ impl FaultState {
         }
     }
 
-    /// Stores the values of the sensor. A field or fix is kept until a new one arrives.
+    /// Stores the values of the sensor. A magnetic field or fix is kept until a new one arrives.
     fn hold(&mut self, reading: &Reading) {
         let (field_ut, fix) = self.held.map_or((None, None), |held| (held.field_ut, held.fix));
         self.held = Some(Reading { field_ut: reading.field_ut.or(field_ut), fix: reading.fix.or(fix), ..*reading });
@@ -188,8 +188,8 @@ impl FaultState {
         }
     }
 
-    /// Returns the reading at `until_ns`: the latest rate and force, and the newest field and fix
-    /// since the last call.
+    /// Returns the reading at `until_ns`: the latest rate and force, and the newest magnetic field
+    /// and fix since the last call.
     fn delayed(&mut self, until_ns: i64, delay_line: &DelayLine) -> Reading {
         let (readings, next) = delay_line.since(self.next_index);
         self.next_index = next;

@@ -393,8 +393,8 @@ fn fuzzed_readings_give_finite_samples_in_time_order() {
     }
 }
 
-/// Returns three values per sample: whether it has a field, whether it has a fix, and its flags for
-/// field and fix.
+/// Returns three values per sample: whether it has a magnetic field, whether it has a fix, and
+/// those of its flags that announce the field and the fix.
 fn aiding(readings: &[Reading]) -> Vec<(bool, bool, Flags)> {
     let mut conditioner = conditioner(GyroSamples::Means);
     let relevant = Flags::FIELD | Flags::FIX | Flags::FIELD_INVALID | Flags::FIX_INVALID;

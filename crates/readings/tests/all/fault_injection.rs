@@ -14,8 +14,8 @@ const RATE_HZ: f64 = 100.0;
 const FROM: usize = 100;
 const UNTIL: usize = 200;
 
-/// Returns a valid reading that differs for each count. Every second one has a field, and every
-/// tenth one a fix.
+/// Returns a valid reading that differs for each count. Every second one has a magnetic field, and
+/// every tenth one a fix.
 fn reading(count: usize) -> Reading {
     let x = count as f64 * 1e-3;
     let velocity_m_s = Vector3::new(x, 1.0, 0.0);
