@@ -27,18 +27,18 @@ const MIN_REST_BLOCKS: usize = 4;
 /// Maximum ratio of the standard deviation of a quiet block to the 10th percentile of the standard
 /// deviations of all blocks.
 const QUIET_FACTOR: f64 = 3.0;
-/// Range to which the limit for the rate's standard deviation in a quiet block is clamped, rad/s.
+/// Minimum and maximum of the limit for the rate's standard deviation in a quiet block, rad/s.
 const RATE_SD_RANGE_RAD_S: (f64, f64) = (0.005, 0.06);
-/// Range to which the limit for the force's standard deviation in a quiet block is clamped, m/s².
+/// Minimum and maximum of the limit for the force's standard deviation in a quiet block, m/s².
 const FORCE_SD_RANGE_M_S2: (f64, f64) = (0.05, 0.6);
 /// Largest rate that can be a bias, rad/s. This is 20 °/s, as allowed by data sheets of consumer
 /// gyros.
 const MAX_BIAS_RAD_S: f64 = 0.35;
-/// Maximum deviation of a block's mean rate from the mean rate of its rest, rad/s. Noise is allowed
-/// for in addition.
+/// Maximum deviation of a block's mean rate from the mean rate of its rest, rad/s. Four standard
+/// deviations of the block's mean are added to this limit.
 const MAX_RATE_DRIFT_RAD_S: f64 = 0.003;
 /// Maximum deviation of a block's mean force from the mean force of its rest, m/s². It corresponds
-/// to a tilt of 0.3°. Noise is allowed for in addition.
+/// to a tilt of 0.3°. Four standard deviations of the block's mean are added to this limit.
 const MAX_FORCE_DRIFT_M_S2: f64 = 0.05;
 
 /// Minimum number of differences for an Allan variance.
@@ -104,7 +104,7 @@ impl Rest {
         mean(&self.forces_m_s2)
     }
 
-    /// Returns `true` if the mean force has 0.5 to 2 times the strength of gravity.
+    /// Returns `true` if the magnitude of the mean force is 0.5 to 2 times that of gravity.
     pub(crate) fn is_plausible_gravity(&self) -> bool {
         (0.5..2.0).contains(&(self.force_m_s2().norm() / GRAVITY_M_S2))
     }
@@ -260,7 +260,8 @@ impl MeanNoise {
 mod tests {
     use super::*;
 
-    /// Returns the rests in readings at 100 Hz, given rate and force as functions of time.
+    /// Returns the rests in readings at 100 Hz. `reading` returns the rate and the force at a time
+    /// in seconds.
     fn find_rests(duration_s: f64, reading: impl Fn(f64) -> (Vector3<f64>, Vector3<f64>)) -> Vec<Rest> {
         let mut finder = RestFinder::default();
         for i in 0..(100.0 * duration_s) as i64 {

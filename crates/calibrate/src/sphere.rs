@@ -4,8 +4,8 @@ use attitude::Vector3;
 
 /// Number of sectors of the sphere: four on each of the cube faces +x, −x, +y, −y, +z, −z.
 ///
-/// The four sectors of a face are ordered ++, +−, −+, −−. These are the signs of the two other
-/// components; for face ±y, for example, of z and x.
+/// The four sectors of a face are ordered ++, +−, −+, −−. These are the signs of the other two
+/// components of the direction. For face ±y, these components are z and x.
 pub const SECTORS: usize = 24;
 
 /// Number of readings in each sector.

@@ -99,7 +99,8 @@ pub fn send_request<A: DeserializeOwned>(name: &str, request: &ControlRequest) -
     })?;
     let text = serde_json::to_string(request).map_err(|cause| failed_with(cause.to_string()))?;
     stream.set_write_timeout(Some(RESPONSE_TIMEOUT)).map_err(io_failure(None))?;
-    // If the supervisor rejected this client, the write may fail, but the reason can still be read.
+    // If the supervisor rejected this client, the write may fail, but the reason for the rejection
+    // can still be read.
     let sent = writeln!(stream, "{text}");
     let mut reader = BufReader::new(stream);
     for timeout in [Some(RESPONSE_TIMEOUT), completion_timeout(request)] {
@@ -132,8 +133,8 @@ pub(super) fn connect_socket(path: &Path) -> io::Result<UnixStream> {
 /// Sends a notification and retries until the supervisor has responded, 30 s have elapsed or
 /// `should_stop` returns `true`.
 ///
-/// A service can start before the control socket is open. If it cannot be delivered within this
-/// time, the notification is dropped.
+/// A service can start before the control socket is open. A notification that cannot be delivered
+/// within this time is dropped.
 pub fn notify(system: &str, request: &ControlRequest, should_stop: impl Fn() -> bool) {
     let deadline = Instant::now() + NOTIFY_TIMEOUT;
     while send_request::<()>(system, request).is_err() && Instant::now() < deadline && !should_stop() {

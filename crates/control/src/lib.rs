@@ -40,8 +40,8 @@ pub use swap::SwapOutcome;
 const MAX_LINE_BYTES: usize = 64 * 1024;
 /// Time within which a running system must send a line.
 const RESPONSE_TIMEOUT: Duration = Duration::from_secs(2);
-/// Time allowed for a swap after the slot has produced its first tick. It is long enough for this
-/// swap and a preceding one to reach all their deadlines.
+/// Time allowed for a swap after the slot has produced its first tick. It covers all deadlines of
+/// this swap and of a preceding one.
 const SWAP_TIMEOUT: Duration = Duration::from_secs(30);
 
 /// Returns `true` if the request is acknowledged first and completed later.

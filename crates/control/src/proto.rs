@@ -36,8 +36,8 @@ impl From<SwapAnswer> for SwapReport {
         let outcome = match answer.outcome() {
             Outcome::Committed => SwapOutcome::Committed,
             Outcome::Aborted => SwapOutcome::Aborted,
-            // An outcome that is unknown at the deadline also counts as refused. The reason
-            // explains it.
+            // An outcome that is unknown at the deadline also counts as refused. The text of
+            // `reason` explains this.
             Outcome::Refused | Outcome::Unknown | Outcome::Unspecified => SwapOutcome::Refused,
         };
         let SwapAnswer { reason, slot, from, to, commit_tick, lost, duplicated, gap_s, jump_rad, .. } = answer;

@@ -91,12 +91,13 @@ fn is_measured(mode: &str) -> bool {
 struct Fields<'a>(&'a str);
 
 impl<'a> Fields<'a> {
-    /// Returns a field, or an empty string beyond the last one.
+    /// Returns the field at `index`, or an empty string if the sentence has fewer fields.
     fn nth(&self, index: usize) -> &'a str {
         self.0.split(',').nth(index).unwrap_or_default()
     }
 
-    /// Parses a number. An empty field yields `Some(None)`, an invalid one `None`.
+    /// Parses the field at `index` as a number. An empty field yields `Some(None)`, an invalid one
+    /// `None`.
     fn number(&self, index: usize) -> Option<Option<f64>> {
         match self.nth(index) {
             "" => Some(None),
@@ -115,7 +116,8 @@ impl<'a> Fields<'a> {
         Some(Value::Fix { velocity_m_s, sd_m_s: Some(ASSUMED_VERTICAL_SD_M_S), position })
     }
 
-    /// Returns the position from four fields: latitude, N or S, longitude, E or W.
+    /// Returns the position from the four fields that start at `index`: latitude, N or S,
+    /// longitude, E or W.
     fn position(&self, index: usize) -> Position {
         let or_nan = |angle_deg: Option<f64>| angle_deg.unwrap_or(f64::NAN);
         Position::from_degrees(

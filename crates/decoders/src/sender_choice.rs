@@ -28,7 +28,8 @@ impl<S> Default for SenderChoice<S> {
 }
 
 impl<S: Copy + PartialEq> SenderChoice<S> {
-    /// Returns the chosen sender, or `None` if there has been none or it is silent.
+    /// Returns the chosen sender, or `None` if no sender has been chosen yet or the chosen one is
+    /// silent.
     pub fn chosen(&self, now: Duration) -> Option<S> {
         let (sender, at) = self.last?;
         (now.saturating_sub(at) < SENDER_TIMEOUT).then_some(sender)

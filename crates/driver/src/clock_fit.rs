@@ -73,7 +73,7 @@ pub struct ClockHealth {
 pub struct ClockFit {
     /// Sample interval for devices without timestamps, nominal or measured.
     interval_ns: Option<u64>,
-    /// Arrival of the first sample by which the interval is measured.
+    /// Arrival time of the first sample in the measurement of the interval, ns.
     measured_from_ns: Option<i64>,
     /// Number of samples without a timestamp.
     count: u64,

@@ -65,7 +65,7 @@ pub struct FlightInfo {
     pub missed: BTreeMap<ForeignText, u64>,
     /// Reason why the recording ended, if known.
     pub end_reason: Option<ForeignText>,
-    /// Remaining metadata records by name, with system, version, host and start time.
+    /// Other metadata records by name. They contain the system, version, host and start time.
     pub metadata: BTreeMap<ForeignText, Entries>,
     /// Attached files.
     pub attachments: Vec<AttachmentInfo>,

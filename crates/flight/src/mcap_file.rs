@@ -402,7 +402,7 @@ mod tests {
 
         assert!(has_valid_checksums(&bytes));
         let mut damaged = bytes.clone();
-        // The first byte is in the name of the library, the second in the statistics.
+        // The first byte to be damaged is in the name of the library, the second in the statistics.
         for at in [MAGIC.len() + 9 + 8, bytes.len() - 1000] {
             damaged[at] ^= 1;
             assert!(!has_valid_checksums(&damaged), "byte {at}");

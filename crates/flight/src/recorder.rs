@@ -88,7 +88,7 @@ struct TopicIntake {
     /// Missed ticks; only for a topic that has a message on every tick.
     gaps: Option<Gaps>,
     /// Number of messages for which the queue had no room. If the topic does not have a message on
-    /// every tick, each overflow of the subscriber buffer also counts as one.
+    /// every tick, each overflow of the subscriber buffer also counts as one message.
     dropped: u64,
 }
 

@@ -38,7 +38,7 @@ pub struct TopicSummary {
 }
 
 impl RecordingSummary {
-    /// Sets the error to the number of missed messages, if any, unless there is another error.
+    /// Reports missed messages, if any, as the error, unless there is another error.
     pub(crate) fn with_missed_error(mut self) -> Self {
         if self.error.is_none() && self.missed > 0 {
             let missed = FlightError::MissedMessages { path: self.file.clone(), missed: self.missed };

@@ -17,10 +17,10 @@ use serde::{Deserialize, Serialize};
 
 /// Text from an untrusted source.
 ///
-/// `Display` escapes control characters, line breaks included, and characters that reorder text, as
-/// `\n` or `\u{1b}`. The text therefore cannot control a terminal or imitate another line. `Debug`
-/// also adds quotes. `Serialize` writes the text unchanged, because formats such as JSON have their
-/// own escapes.
+/// `Display` escapes control characters, including line breaks, and characters that reorder text.
+/// The escapes have the form `\n` or `\u{1b}`. The text therefore cannot control a terminal or
+/// imitate another line. `Debug` also adds quotes. `Serialize` writes the text unchanged, because
+/// formats such as JSON have their own escapes.
 #[derive(Clone, Default, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
 #[serde(transparent)]
 pub struct ForeignText(String);

@@ -116,8 +116,8 @@ impl Child {
         let failed = |cause: io::Error| HostError::Start { program: program.clone(), cause };
         let (socket, child_socket) = socketpair(AddressFamily::UNIX, SocketType::SEQPACKET, SocketFlags::CLOEXEC, None)
             .map_err(|errno| failed(errno.into()))?;
-        // Standard output also goes to the host's standard error. Standard input is the socket and
-        // carries only frames.
+        // Both standard output and standard error are printed on the host's standard error.
+        // Standard input is the socket and carries only frames.
         let (output, pipe) = StageOutput::start().map_err(failed)?;
         command.stdin(child_socket).stdout(pipe.try_clone().map_err(failed)?).stderr(pipe);
         // The program has its own process group, so that Ctrl-C reaches only the host and the whole

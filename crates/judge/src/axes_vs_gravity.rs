@@ -29,8 +29,8 @@ const MIN_WINDOWS: u32 = 3;
 /// residual means that the spread was caused by accelerations, not by rotation. For n windows the
 /// limit is multiplied by 1 − 1/n, as if one of the windows carried no information.
 const MAX_RESIDUAL: f64 = 0.5;
-/// Minimum ratio of the unchanged rate's residual to the smallest residual. It is above 1, because
-/// the best of 144 hypotheses always fits slightly better than the true one.
+/// Minimum ratio of the unchanged rate's residual to the smallest residual for a diagnosis. It is
+/// above 1, because the best of 144 hypotheses always fits slightly better than the true one.
 const MIN_RESIDUAL_RATIO: f64 = 1.5;
 /// Minimum amount by which the residual of the unchanged rate must exceed [`MIN_RESIDUAL_RATIO`]
 /// times the smallest residual. If all residuals are near zero, this limit prevents a diagnosis,

@@ -206,7 +206,7 @@ pub(crate) fn force_magnitude(low: f64, median: f64, high: f64, is_steady: bool)
     let in_g = cause("forces in g", unit_remedy("accel", GRAVITY_M_S2, "g"));
     let (issue, causes) = match (median, per_g) {
         // A value near 1 at rest means that the unit is g. The range allows for scale errors. In
-        // motion a wider range is needed, but a force without gravity can also fall into it.
+        // motion a wider range is needed, but a force without gravity can also be in that range.
         (0.85..1.2, _) if is_steady => (InputIssue::ForceUnit, vec![in_g]),
         (0.7..1.4, _) => (InputIssue::ForceUnit, vec![in_g, gravity_removed]),
         // The long-term mean force on any body near the Earth is larger than 0.5 g.

@@ -8,8 +8,8 @@ use crate::diagnosis::{self, Diagnosis};
 /// Maximum rate at which the orientation is checked, rad/s. At higher rates, any vehicle may be
 /// upside down in a roll or a loop.
 const MAX_RATE_RAD_S: f64 = 1.0;
-/// Cosine of the angle between force and body up below which the body is upside down. It
-/// corresponds to 120°, beyond the tilt of a body on its side.
+/// Cosine of the angle between the force and the body's up axis, below which the body counts as
+/// upside down. It corresponds to 120°, beyond the tilt of a body on its side.
 const UPSIDE_DOWN_COSINE: f64 = -0.5;
 /// Largest relative deviation of the force's magnitude from its mean for the force to count as
 /// gravity. It corresponds to a turn at 25° bank.

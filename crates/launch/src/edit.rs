@@ -104,7 +104,8 @@ fn replace_sections(target: &mut Table, source: &Table) -> Result<(), String> {
 
 /// Replaces the values of a section. Comments on remaining keys are kept.
 ///
-/// The section of a stage, which has parameters in `set`, keeps its stage and other parameters.
+/// In the section of a stage, which has parameters in `set`, only the parameters in `source` are
+/// replaced. The stage and its other parameters are kept.
 fn replace_values(target: &mut Table, source: &Table) {
     target.set_implicit(false);
     let parameters = source.get(PARAMETERS).and_then(Item::as_table_like);

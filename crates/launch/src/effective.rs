@@ -79,7 +79,7 @@ fn tables(item: Option<&Item>) -> Vec<&dyn TableLike> {
     }
 }
 
-/// Returns a section, or an empty string for one without keys.
+/// Returns the text of a section, or an empty string if the section has no keys.
 fn block(header: &str, lines: Vec<String>) -> String {
     if lines.is_empty() { String::new() } else { format!("{header}\n{}", lines.join("\n")) }
 }
@@ -94,7 +94,8 @@ fn lines(section: &SectionDescription, table: Option<&dyn TableLike>) -> Vec<Str
                 .conditions
                 .iter()
                 .any(|condition| values.iter().any(|(name, value)| *condition == format!("{name} = {value}")));
-        // The description of a key that several settings allow is repeated for each setting.
+        // Several settings may allow the same key, each with its own description. The key gets only
+        // one line.
         if values.iter().any(|(name, _)| *name == key.name) {
             continue;
         }

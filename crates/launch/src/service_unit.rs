@@ -33,7 +33,8 @@ impl Launch {
     ///
     /// # Errors
     ///
-    /// Returns an error if the name of a device file has characters that are special in units.
+    /// Returns an error if the name of a device file has characters that are special in systemd
+    /// units.
     pub fn unit_drop_in(&self) -> Result<String, UnsupportedDevicePath> {
         let mut access = Access::default();
         let ingest = &self.ingest;

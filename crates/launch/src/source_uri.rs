@@ -9,7 +9,7 @@ use toml::{Table, Value};
 
 use crate::{Launch, problem::Problems};
 
-/// Key that the target of each kind sets.
+/// Each kind of source, and the key that the target sets.
 const MAIN_KEYS: [(&str, Option<&str>); 9] = [
     ("sim", Some("scenario")),
     ("replay", Some("file")),

@@ -93,7 +93,7 @@ impl Endpoints {
         Ok(files.map(PathBuf::as_path).try_for_each(keys::validity::check)?)
     }
 
-    /// Returns `true` if any endpoint uses mutual TLS, as for connections to other machines.
+    /// Returns `true` if any endpoint uses mutual TLS, which connections to other machines require.
     pub(crate) fn are_secured(&self) -> bool {
         self.listen.iter().chain(&self.connect).any(|endpoint| is_secured(endpoint))
     }

@@ -41,9 +41,9 @@ const CLOSE_TIMEOUT: Duration = Duration::from_millis(200);
 /// Delay before a session is closed, so that messages in transit can arrive. QUIC discards them
 /// when the connection closes. The delay covers a few round trips of 100 ms.
 const DELIVERY_DELAY: Duration = Duration::from_millis(300);
-/// Time for which a client retries if it receives no answer. It exceeds 30 s, because a listener
-/// accepts connections one after another and waits that long for one that stalls during the
-/// handshake (eclipse-zenoh/zenoh#2719).
+/// Time for which a client retries if it receives no answer. A listener accepts connections one
+/// after another, and waits up to 30 s for one that stalls during the handshake
+/// (eclipse-zenoh/zenoh#2719). The time must therefore exceed 30 s.
 const UNANSWERED_TIMEOUT: Duration = Duration::from_secs(40);
 /// Time for which a client retries after rejections or local errors.
 const REJECTED_TIMEOUT: Duration = Duration::from_secs(3);

@@ -1,6 +1,6 @@
 //! Wraps of the counters that devices use as clocks.
 
-/// Periods of the counters that are recognised by their step: 32-bit counters of µs and ms, ns.
+/// Periods of the counters that are recognised by their step, ns: 32-bit counters of µs and ms.
 pub const COUNTER_PERIODS_NS: [i64; 2] = [(1 << 32) * 1_000, (1 << 32) * 1_000_000];
 /// Maximum step across the wrap of a counter of unknown period, ns.
 const MAX_WRAP_STEP_NS: i64 = 10_000_000_000;

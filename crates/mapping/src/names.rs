@@ -37,7 +37,8 @@ impl fmt::Display for UnknownName {
 
 impl std::error::Error for UnknownName {}
 
-/// Minimum Jaro-Winkler similarity of a name that differs in more than a third of its letters.
+/// Minimum Jaro-Winkler similarity for a name to count as similar if more than a third of its
+/// letters differ.
 const MIN_SIMILARITY: f64 = 0.85;
 
 /// Returns the name in `known` most similar to `found`, or `None` if none is similar enough.

@@ -27,7 +27,7 @@ pub struct Reading {
     pub rate_rad_s: [f64; 3],
     /// Specific force, m/s², sensor axes.
     pub force_m_s2: [f64; 3],
-    /// Magnetic field, µT, sensor axes; `None` if the reading has no field sample.
+    /// Magnetic field, µT, sensor axes; `None` if the reading has none.
     pub field_ut: Option<[f64; 3]>,
     /// Fix received since the previous reading.
     pub fix: Option<ReceiverFix>,

@@ -30,7 +30,7 @@ pub fn test(arguments: TokenStream, function: TokenStream) -> TokenStream {
     } else {
         format!("#[::core::prelude::v1::test] #[ignore = \"{REASON}\"]")
     };
-    // Because of the constant, Cargo compiles the test again if the variable changes.
+    // Because of this constant, Cargo compiles the test again if the environment variable changes.
     let tracked = "const _: ::core::option::Option<&str> = ::core::option_env!(\"PLUMBLINE_DATA\");";
     let prefix: TokenStream = format!("{tracked} {attributes}").parse().unwrap_or_default();
     prefix.into_iter().chain(function).collect()

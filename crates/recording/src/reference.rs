@@ -37,8 +37,7 @@ const MIN_HALF_ROTATION_COS: f64 = 0.999_048_221_581_857_8;
 const MAX_JUDGED_ROWS: usize = 10_000;
 /// Maximum share of large rotations between slow rows for these rows to be interpolated.
 ///
-/// If only the calm parts of a motion were interpolated, they would outweigh the others in the
-/// errors.
+/// If only the calm parts of a motion were interpolated, they would dominate the scored errors.
 const MAX_LARGE_ROTATION_SHARE: f64 = 0.01;
 
 /// Columns of a reference, as field indices from 0.

@@ -42,11 +42,11 @@ pub enum ResumeError {
     Stage(#[from] RestoreError),
 }
 
-/// Captures the state of a slot in `record`, which is either zero or an earlier checkpoint of the
-/// same slot.
+/// Captures the state of a slot in `record`, which is either all zeros or an earlier checkpoint of
+/// the same slot.
 ///
-/// A checkpoint has 13 kB, so it is written in place. Pass `swapped` as `true` until an output with
-/// the flag `SWAPPED` has been published.
+/// A checkpoint takes 13 kB, so it is written in place. Pass `swapped` as `true` until an output
+/// with the flag `SWAPPED` has been published.
 pub fn capture<S: SlotProcessor>(slot: &mut S, incarnation: u32, swapped: bool, record: &mut Checkpoint) {
     let used = [record.slot_words, record.common_words, record.stage_words].map(|len| len as usize).iter().sum();
     record.next_tick = slot.sequence().next_tick;

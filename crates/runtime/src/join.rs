@@ -225,8 +225,8 @@ impl<I: JoinInputs> Join<I> {
         }
     }
 
-    /// Creates a join that also emits ticks for which no input has a message, unless more are
-    /// missing in a row than a topic holds.
+    /// Creates a join that also emits ticks for which no input has a message, unless there are more
+    /// of them in a row than a topic holds messages.
     pub fn with_empty_ticks(inputs: I, lateness_ticks: u64) -> Self {
         Self { emits_empty_ticks: true, ..Self::new(inputs, lateness_ticks) }
     }
@@ -257,7 +257,8 @@ impl<I: JoinInputs> Join<I> {
         &mut self.inputs
     }
 
-    /// Queues a message at the input that `select` returns, or discards it if that is `None`.
+    /// Queues a message at the input that `select` returns, or discards the message if `select`
+    /// returns `None`.
     pub fn offer<M: TickStamped>(&mut self, select: impl FnOnce(&mut I) -> Option<&mut JoinInput<M>>, message: M) {
         if let Some(input) = select(&mut self.inputs) {
             self.arrivals += 1;
@@ -336,8 +337,8 @@ impl<I: JoinInputs> Join<I> {
         });
         let slowest = slowest.map_or(0, |(_, index)| index);
         let empty = Some(self.sequence.next_tick).filter(|_| self.emits_empty_ticks);
-        // Without this limit, the empty ticks before a tick far ahead, such as one from another
-        // host, would take forever.
+        // Without this limit, a tick far ahead, such as one from another host, would cause an
+        // almost endless series of empty ticks.
         let is_emitted = |empty: &u64| first.is_none_or(|first| first.saturating_sub(*empty) <= MAX_QUEUED as u64);
         let next = empty.filter(is_emitted).or(first);
         let Some((tick, newest)) = next.zip(newest).filter(|(tick, newest)| tick <= newest) else {

@@ -57,8 +57,8 @@ const BIAS: AgeingModel = AgeingModel { random_walk: BIAS_WALK_RAD_S, power_cycl
 /// Ageing of the hard iron.
 ///
 /// The walk is 1 µT in three days, to allow for changes of load and cargo. An uncertainty of 5 µT
-/// makes the estimate useless, because in a horizontal field of 20 µT it corresponds to a heading
-/// error of 14°.
+/// makes the estimate useless, because in a horizontal magnetic field of 20 µT it corresponds to a
+/// heading error of 14°.
 const HARD_IRON: AgeingModel = AgeingModel { random_walk: 0.002, power_cycle_sd: 0.0, uninformative_sd: 5.0 };
 
 /// Ageing of the gyro scale error.
@@ -124,7 +124,7 @@ impl Prior {
         (prior.has_estimate() && prior.is_valid() && prior.implausible_value().is_none()).then_some(prior)
     }
 
-    /// Returns this prior. If it has no gyro scale error, that of `before` is added.
+    /// Returns this prior, with the gyro scale error of `before` if it has none itself.
     #[must_use]
     pub fn or_scale_from(self, before: Option<Self>) -> Self {
         Self { gyro_scale: self.gyro_scale.or(before.and_then(|before| before.gyro_scale)), ..self }

@@ -8,7 +8,7 @@ use crate::{
     unit::{Errors, Noise, Unit, exp, six_sides, with_up},
 };
 
-/// Returns one report of each kind for one unit.
+/// Returns a report of every kind of calibration for one simulated unit.
 fn reports(truth: Errors, mounting: Quaternion<f64>) -> Vec<Report> {
     let unit = Unit::new(truth, 11);
     let mut noise = Noise::new(11);

@@ -115,7 +115,7 @@ fn estimates(axis: &AxisNoise) -> [Estimate; 3] {
 struct Counts {
     within: usize,
     determined: usize,
-    /// Upper limits that are below the truth.
+    /// Number of upper limits that are below the truth.
     low_limits: usize,
     all: usize,
     log_error: f64,
@@ -149,7 +149,7 @@ fn count(duration_s: f64, gyro: &Truth, accel: &Truth, seeds: u64) -> [Counts; 3
 
 #[test]
 fn intervals_contain_the_truth_as_often_as_stated() {
-    // 180 estimates of each type: a share of 68 % has a standard deviation of 3.5 %.
+    // With 180 estimates of each type, an expected share of 68 % has a standard deviation of 3.5 %.
     let counts = count(3600.0, &GYRO, &ACCEL, 30);
     for Counts { within, determined, all, log_error, .. } in counts {
         let share = within as f64 / determined as f64;
@@ -161,7 +161,8 @@ fn intervals_contain_the_truth_as_often_as_stated() {
 
 #[test]
 fn noise_that_is_not_shown_has_an_upper_limit() {
-    // White noise with a small amount of the other types, which ten minutes do not determine.
+    // White noise with a small amount of the other noise types. Ten minutes of readings do not
+    // determine these.
     let counts = count(600.0, &[0.01, 0.001, 1e-5], &[0.002, 0.0002, 2e-6], 20);
     let [white, flicker, walk] = counts;
     assert!(white.determined == white.all && white.within as f64 > 0.58 * white.all as f64, "{counts:?}");

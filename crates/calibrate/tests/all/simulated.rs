@@ -208,7 +208,7 @@ fn mounting_level_and_nose_down_pose_match_truth() {
         let poses = [level * mounting, nose_down * mounting];
         let report = calibrate_raw(Kind::Mounting, &Unit::new(Errors::NONE, seed).readings_in_poses(&poses, 4.0, 1.5));
         let [w, x, y, z] = report.values[0].value.clone().try_into().unwrap();
-        // Small rotations about the body axes that separate the estimate from the truth.
+        // Small rotation from the true mounting to the estimate, as angles about the body axes.
         let deviation = Quaternion::new(w, x, y, z) * mounting.conjugate();
         let deviation = Vector3::new(deviation.i, deviation.j, deviation.k) * (2.0 * deviation.w.signum()).to_degrees();
         errors.push(deviation.as_slice(), &report.values[1].sd, &[0.0; 3]);

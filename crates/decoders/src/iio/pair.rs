@@ -17,11 +17,11 @@ use std::collections::VecDeque;
 use super::{IioError, Layout, records::Sample};
 use crate::{Counts, Measurement, Value};
 
-/// Maximum time for which a gyro record is held until a later force arrives, on the gyro's clock,
-/// ns.
+/// Maximum time for which a gyro record waits for a later force, ns. It is measured on the gyro's
+/// clock.
 pub const MAX_WAIT_NS: u64 = 200_000_000;
-/// Maximum interval between two forces that are interpolated, ns. Also the maximum time between a
-/// rate and the nearest force, which is used if interpolation is not possible.
+/// Maximum interval between two forces for interpolation between them, ns. Otherwise the nearest
+/// force is used, if it is at most this far from the rate.
 pub const MAX_GAP_NS: u64 = 100_000_000;
 /// Maximum number of queued records per device.
 const MAX_QUEUED_RECORDS: usize = 8192;

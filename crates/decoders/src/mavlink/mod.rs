@@ -209,8 +209,8 @@ impl Mavlink {
         true
     }
 
-    /// Returns the measurement of a message, and the kind of IMU message. Returns `None` if the
-    /// settings exclude the message or it has no measurement.
+    /// Returns the measurement of a message, and its kind if it is an IMU message. Returns `None`
+    /// if the settings exclude the message or it has no measurement.
     fn decode(&self, message: u32, payload: &Payload) -> Option<(Option<ImuMessage>, Measurement)> {
         let MavlinkSettings { imu: selected, fix, raw_scale, .. } = self.settings;
         let (imu, measurement) = match message {

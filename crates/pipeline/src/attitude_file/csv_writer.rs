@@ -72,7 +72,8 @@ impl CsvWriter {
         file.and_then(|file| Self::new(path, file, header, true, STALL_TIMEOUT)).map_err(create_error)
     }
 
-    /// Creates a writer to an open file. Its earlier content is removed if `replaces_content`.
+    /// Creates a writer to an open file. Its earlier content is removed if `replaces_content` is
+    /// `true`.
     fn new(
         path: &Path,
         file: File,
