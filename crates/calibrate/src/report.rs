@@ -31,7 +31,7 @@ impl Coverage {
 pub struct Value {
     /// Name of the quantity.
     pub name: &'static str,
-    /// Components.
+    /// Components of the estimate, in `unit`.
     pub value: Vec<f64>,
     /// Standard deviations of the components.
     pub sd: Vec<f64>,
@@ -48,7 +48,7 @@ impl Value {
 /// Residuals of the readings relative to the model.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Residual {
-    /// Description of the residual.
+    /// Description of the residual, such as `RMS of |f| − g`.
     pub quantity: &'static str,
     /// Value of `quantity` for the raw readings.
     pub before: f64,

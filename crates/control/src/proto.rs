@@ -7,7 +7,7 @@ use wire::v1::{self, SwapAnswer, swap_answer::Outcome};
 use crate::{Diagnostic, ServiceStatus, SwapReport};
 
 impl SwapReport {
-    /// Converts the report to the answer to the request with this ID.
+    /// Converts the report into the answer to the request `request_id`.
     pub fn into_answer(self, request_id: String) -> SwapAnswer {
         let Self { slot, from, to, commit_tick, lost, duplicated, gap_us, jump_deg, outcome, reason } = self;
         let outcome = match outcome {

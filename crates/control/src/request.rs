@@ -50,9 +50,9 @@ pub enum ControlRequest {
 /// Problem with the input of a service.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Diagnostic {
-    /// Short identifier. A service reports at most one problem of each kind.
+    /// Short identifier of the problem. A service reports at most one problem of each kind.
     pub kind: ForeignText,
-    /// Description of the finding.
+    /// Description of the problem found.
     pub found: ForeignText,
     /// Suggested remedy.
     pub remedy: ForeignText,

@@ -4,8 +4,9 @@
 //! A [`Mapping`] assigns columns, units and axes, with the same syntax as `plumb import`. Column
 //! names come from the settings or from a line of the stream that contains all mapped names. Such a
 //! header may appear at the start or later, also as a comment. The `t_s` column of a recording is a
-//! time in s. Units in the names, such as `gyro_x (deg/s)`, or in the line after the names apply
-//! unless the settings name others. A line with contradictory or missing units is ignored.
+//! time in s. Units may be part of the names, as in `gyro_x (deg/s)`, or be in the line after the
+//! names. They apply unless the settings name others. A line with contradictory or missing units is
+//! ignored.
 //!
 //! A line ends with a newline, a carriage return or both. The rules for comments, separators,
 //! numbers and times are those of files ([`mapping::text`]). Blank lines and comments are counted

@@ -45,7 +45,7 @@ const MAX_CORRECTION: f64 = 0.1;
 /// Timestamp on a device's clock.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Stamp {
-    /// Count of the device, ns.
+    /// Reading of the device's clock, ns.
     pub count_ns: u64,
     /// Period after which the count wraps to 0, ns. `None` if it does not wrap.
     pub period_ns: Option<u64>,

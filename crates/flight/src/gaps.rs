@@ -13,7 +13,7 @@ const MAX_OPEN_GAPS: usize = 64;
 
 #[derive(Debug, Default)]
 pub(crate) struct Gaps {
-    /// Tick that follows the newest one.
+    /// Tick after the newest one received; `None` if the first message may have any tick.
     next: Option<u64>,
     /// First tick and end tick (exclusive) of each open gap.
     open: Vec<(u64, u64)>,

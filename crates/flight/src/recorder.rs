@@ -52,7 +52,7 @@ const DISK_TIMEOUT: Duration = Duration::from_secs(20);
 const LOCKSTEP_TIMEOUT: Duration = Duration::from_secs(2);
 /// Minimum interval between two metadata records that list missed messages.
 const MISSED_INTERVAL: Duration = Duration::from_secs(1);
-/// Maximum number of file names to try.
+/// Maximum number of names that are tried for a new file.
 const MAX_NAMES: u32 = 1000;
 
 /// Required start of a recording, and behaviour of the source when the queue is full.

@@ -43,7 +43,8 @@ impl ForeignText {
     }
 }
 
-/// Returns a path for display. A file name may come from an untrusted source.
+/// Returns a path as text that is safe to display, because a file name may come from an untrusted
+/// source.
 pub fn path(path: &Path) -> ForeignText {
     ForeignText(path.to_string_lossy().into_owned())
 }

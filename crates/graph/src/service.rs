@@ -243,7 +243,7 @@ pub enum Participant {
 }
 
 impl Participant {
-    /// Returns `true` if `service` is this participant or one of its members.
+    /// Returns `true` if this participant is `service`, or is a group that includes it.
     pub fn includes(self, service: Service) -> bool {
         match self {
             Self::One(one) => one == service,

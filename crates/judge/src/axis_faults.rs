@@ -20,7 +20,7 @@ const MIN_RUNS: u32 = 3;
 pub(crate) struct AxisMonitor {
     quantity: &'static str,
     sensor: &'static str,
-    /// Lower bound of the measuring ranges of all sensors of this kind.
+    /// Smallest measuring range of any sensor of this kind, in the unit of the samples.
     min_range: f64,
     last: Option<[f64; 3]>,
     samples: u64,

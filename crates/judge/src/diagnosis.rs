@@ -41,7 +41,7 @@ pub enum InputIssue {
 pub struct PossibleCause {
     /// Description of the cause.
     pub cause: String,
-    /// Remedy, with lines to paste where possible.
+    /// Remedy, with lines to paste if there are any.
     pub remedy: String,
 }
 
@@ -159,7 +159,7 @@ pub(crate) fn time_unit(median_s: f64, leaps: u64, samples: u64) -> Diagnosis {
             let remedy = "`--units ms` or `--units us` of `plumb import`; a driver on the bus sends t_sensor_ns in ns, increasing with each reading";
             vec![cause("constant timestamps, or timestamps in another unit", remedy)]
         }
-        // Median intervals, in ms, of sensors that sample at 20 Hz to 1.7 kHz.
+        // Read as ms, these intervals belong to sensors that sample at 20 Hz to 1.7 kHz.
         0.6..50.0 => vec![
             cause("times in ms, read as s", import("ms")),
             cause("times in µs, read as ms", import("us")),

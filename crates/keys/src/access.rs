@@ -19,7 +19,7 @@ const QUERYABLE_KEYS: [&str; 2] = ["plumbline/v1/*/*", "plumbline/v1/*/schema/**
 const LIVELINESS_KEYS: &str = "plumbline/v1/*/@live/**";
 /// Keys under which the hosts of split systems exchange ticks.
 const CARRY_KEYS: &str = "plumbline/v1/*/@carry";
-/// Subject of clients without a certificate.
+/// Name of the access-list subject for clients without a certificate.
 const ANONYMOUS: &str = "plain";
 /// All message kinds to which a rule can apply.
 const ALL_MESSAGE_KINDS: [&str; 9] = [

@@ -54,7 +54,7 @@ pub struct WrittenFolder {
     pub until: String,
     /// Folder that contains the files.
     pub folder: PathBuf,
-    /// Written files.
+    /// Paths of the written files.
     pub files: Vec<PathBuf>,
     /// Path to which the folder must be copied; `None` for the authority, because its files stay on
     /// this machine.

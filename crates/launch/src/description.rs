@@ -4,7 +4,7 @@
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Key {
     pub(crate) name: &'static str,
-    /// Meaning, in whole sentences.
+    /// Meaning of the key, in whole sentences.
     pub(crate) doc: &'static str,
     /// Unit, empty for a dimensionless value.
     pub(crate) unit: &'static str,
@@ -15,13 +15,13 @@ pub(crate) struct Key {
 /// Description of a section of the launch file.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct SectionDescription {
-    /// Path, such as `ingest.sim`; empty for the top level.
+    /// Path of the section, such as `ingest.sim`; empty for the top level.
     pub path: String,
     /// `true` for an array of tables.
     pub is_array: bool,
     /// `true` if a missing section stays unset instead of taking the defaults of its keys.
     pub is_optional: bool,
-    /// Meaning, in whole sentences.
+    /// Meaning of the section, in whole sentences.
     pub doc: String,
     /// Keys in the order of their declaration.
     pub keys: Vec<KeyDescription>,
@@ -30,15 +30,15 @@ pub struct SectionDescription {
 /// Description of a key.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct KeyDescription {
-    /// Name, ending in the unit.
+    /// Name of the key, ending in the unit.
     pub name: String,
     /// Default in TOML. `None` if the key is not set by default.
     pub default: Option<String>,
-    /// Allowed values.
+    /// Description of the allowed values.
     pub allowed: String,
     /// Unit, empty for a dimensionless value.
     pub unit: &'static str,
-    /// Meaning, in whole sentences.
+    /// Meaning of the key, in whole sentences.
     pub doc: String,
     /// Allowed names with their meanings, for a key with a fixed set of names. A meaning may be
     /// empty.

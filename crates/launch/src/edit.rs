@@ -34,7 +34,7 @@ pub enum EditError {
         /// Error with its line.
         cause: ForeignText,
     },
-    /// A value has the name of a section.
+    /// A section to be written has the name of an existing value.
     #[error("cannot change {}: `{key}` is not a table; write it as a section", foreign::path(path))]
     NoTable {
         /// Path of the launch file.

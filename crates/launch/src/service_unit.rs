@@ -60,7 +60,7 @@ struct Access {
     /// Patterns of `DeviceAllow=` for serial ports.
     serial_ports: BTreeSet<String>,
     uses_iio: bool,
-    /// Addresses of hosts, as literals.
+    /// Addresses of hosts that the launch file gives as IP addresses.
     hosts: BTreeSet<IpAddr>,
     /// Reasons for access to all private networks.
     private: Vec<String>,

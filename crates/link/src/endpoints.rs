@@ -35,7 +35,7 @@ pub struct Endpoints {
     pub connect: Vec<String>,
     /// Certificates for mutual TLS.
     pub tls: Option<Tls>,
-    /// File with Zenoh's `access_control`.
+    /// File with Zenoh's `access_control` settings.
     pub access: Option<PathBuf>,
     /// Permissions of clients without a certificate and of the clients named in the access list;
     /// `None` for no restriction.

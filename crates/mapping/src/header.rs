@@ -182,7 +182,7 @@ pub enum HeaderError {
     /// The column names give no unit for a quantity, and the names do not imply a usual unit.
     #[error("the column names {} state no unit", names.iter().map(|name| format!("{name:?}")).collect::<Vec<_>>().join(", "))]
     MissingUnits {
-        /// A column of each quantity.
+        /// One column name for each quantity without a unit.
         names: Vec<String>,
         /// List of units that resolves the error.
         remedy: String,

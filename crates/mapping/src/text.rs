@@ -154,7 +154,7 @@ pub struct Dialect {
     decimal_mark: Option<u8>,
 }
 
-/// Reason why a field is invalid: description of the expected text.
+/// Text expected in place of an invalid field.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Expected {
     /// A number.
@@ -164,7 +164,7 @@ pub enum Expected {
         /// `true` if the decimal mark is a comma.
         is_comma: bool,
     },
-    /// A time within the limit.
+    /// A time within ±9e9 s.
     Time,
     /// A number, a time of day or a date.
     TimeText,
@@ -233,7 +233,7 @@ fn with_point(field: &str) -> Cow<'_, str> {
 /// Time parsed from text.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Time {
-    /// Number in the unit of the column, ns.
+    /// Plain number, converted from the unit of the column to ns.
     Count(i64),
     /// Date and time (ISO 8601) as UNIX time, ns.
     Calendar(i64),

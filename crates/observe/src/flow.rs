@@ -46,7 +46,7 @@ pub struct Delivery {
     pub dropped: u64,
     /// Messages received, including those not yet processed by the observer.
     pub received: u64,
-    /// Bytes received with these messages.
+    /// Size of the received messages, bytes.
     pub bytes: u64,
     /// Batches received more than once or too late.
     pub repeated: u64,

@@ -87,7 +87,7 @@ impl<S: SlotProcessor<Input: Clone>> SlotRunner<S> {
         }
     }
 
-    /// Returns the cause if the owner has failed.
+    /// Returns the cause of the failure if the owner of the slot has failed.
     pub(crate) fn failure(&self) -> Option<String> {
         match self {
             Self::Fixed(slot) => slot.failure(),

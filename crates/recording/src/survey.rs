@@ -3,7 +3,7 @@
 use crate::{Reader, RecordingError, Row};
 use std::path::Path;
 
-/// Maximum number of intervals used for the median, which bounds the memory.
+/// Maximum number of intervals used for the median. It limits the memory needed.
 const MAX_INTERVALS: usize = 100_000;
 
 /// Summary of a recording.

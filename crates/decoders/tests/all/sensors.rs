@@ -147,7 +147,8 @@ fn xsens_decodes_all_number_formats() {
         let value = Value::Imu { rate_rad_s: rate, force_m_s2: force, field_ut: None };
         assert_eq!(found, [Measurement { time: None, value }], "{format}");
     }
-    // Two numbers instead of three, and a packet longer than the message.
+    // The first message has two numbers instead of three. In the second, a packet is longer than
+    // the message.
     for packets in [vec![(0x8020, vec![0; 8])], vec![(0x8020, vec![0; 12]), (0x1060, vec![0; 3])]] {
         let (found, counts) = decoded(Box::new(Framed::new(Xsens::new(49.0))), [&xsens_frame(&packets)[..]]);
         assert_eq!((found.len(), counts.frames, counts.rejected), (0, 0, 1));

@@ -36,7 +36,7 @@ pub struct Check {
     pub check: &'static str,
     /// Severity of the result.
     pub result: Severity,
-    /// Finding.
+    /// Description of the finding.
     pub found: String,
     /// Remedy; `None` if the result is [`Severity::Ok`].
     pub remedy: Option<String>,

@@ -113,7 +113,7 @@ impl Observation {
         // the samples that arrive.
         let expected_hz = if source.is_repeatable() { declared_hz } else { samples_hz.or(declared_hz) };
         let checks = self.flows.iter().map(|(service, flow)| rate_check(*service, flow, expected_hz, config));
-        // The drivers themselves report a device with a wrong rate.
+        // For other live sources, the drivers report a wrong rate.
         let declared = config.launch.ingest.declared_rate_hz().and(declared_hz);
         let declared = declared.zip(samples_hz).filter(|_| source == Source::Bus);
         checks.chain(declared.and_then(|(declared, measured)| declared_rate_check(declared, measured))).collect()
