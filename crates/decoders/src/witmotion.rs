@@ -1,9 +1,9 @@
 //! WitMotion sensors (WT61, WT901, HWT901B …) on a serial line: 11-byte frames that start with
 //! 0x55.
 //!
-//! A frame consists of 0x55, its kind, four little-endian 16-bit numbers and the sum of the ten
-//! preceding bytes (WIT standard protocol). In each cycle the device sends the enabled kinds in
-//! ascending order:
+//! A frame consists of 0x55, a byte for its kind, four little-endian 16-bit numbers and the sum of
+//! the ten preceding bytes (WIT standard protocol). In each cycle the device sends the enabled
+//! kinds in ascending order:
 //!
 //! | kind | content | result |
 //! | --- | --- | --- |

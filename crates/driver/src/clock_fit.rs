@@ -1,5 +1,5 @@
-//! Conversion of a device's timestamps to the host's clock: strictly increasing, with the device's
-//! intervals.
+//! Conversion of a device's timestamps to the host's clock. The results increase strictly and keep
+//! the device's intervals.
 //!
 //! Input: the arrival time of each sample on the host, and its timestamp on the device's clock (a
 //! wrapping counter, time since boot, or UNIX time). If a device has a known rate but no

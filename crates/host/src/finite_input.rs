@@ -1,8 +1,8 @@
 //! Conversion of stage inputs to finite numbers, so that external stages need no checks.
 //!
 //! A value that is not finite is treated as missing, or becomes zero if the slot's input cannot
-//! represent a missing value. Only a common state may contain infinite values, which mean
-//! "unknown".
+//! represent a missing value. Infinite values, which mean "unknown", may remain only in the state
+//! that is common to all stages of a slot.
 
 use attitude::{
     Vector3, course::CourseInput, fuser::FuserInput, gnss::Fix, gyro::RateSample, scalars::Scalars,

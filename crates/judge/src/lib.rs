@@ -12,7 +12,7 @@
 //! | --- | --- |
 //! | [`diagnosis`] | diagnoses and their remedies |
 //! | `field_queue` | magnetometer samples waiting for the IMU sample of their tick |
-//! | `magnitude` | units, from the medians of force, field and interval |
+//! | `magnitude` | units, from the medians of force, magnetic field and sample interval |
 //! | `rate_unit` | unit of the rates, from rotation that the force does not show |
 //! | `axes_vs_gravity` | axes and unit of the gyro, from the rotation of gravity |
 //! | `orientation` | direction of gravity |

@@ -3,7 +3,8 @@
 //! Everything not listed is denied. Zenoh checks whether a rule's key *includes* the key of a
 //! message, but delivers a query to every key that it *intersects*: a query for
 //! `plumbline/v1/alpha/**` would also reach alpha's commands. Queries are therefore allowed only on
-//! keys that cannot intersect a command's key, and commands only on the keys of one vehicle each.
+//! keys that cannot intersect a command's key, and each key on which commands are allowed names a
+//! single vehicle.
 
 use serde::Serialize;
 

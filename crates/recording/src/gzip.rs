@@ -1,11 +1,11 @@
-//! Decompression of gzip with a limit on the ratio of the sizes.
+//! Decompression of gzip with a limit on the ratio of decompressed to compressed size.
 //!
 //! Input: gzip data.
 //!
 //! Output: the decompressed bytes.
 //!
-//! Failure: corrupt data, or more than [`MAX_RATIO`] bytes per compressed byte, once
-//! [`MIN_LIMITED_BYTES`] have been decompressed.
+//! Failure: corrupt data is an error. So are more than [`MAX_RATIO`] bytes per compressed byte,
+//! once [`MIN_LIMITED_BYTES`] have been decompressed.
 
 use std::io::{self, Read};
 

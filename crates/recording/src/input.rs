@@ -4,7 +4,7 @@
 //!
 //! Output: the fields of each line that is not blank, with the line number.
 //!
-//! Failure: a corrupt stream, or a line longer than [`MAX_LINE_BYTES`].
+//! Failure: a corrupt stream and a line longer than [`MAX_LINE_BYTES`] are errors.
 
 use crate::{
     error::{ParseError, Position},
