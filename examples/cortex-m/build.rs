@@ -4,7 +4,8 @@ use std::{env, error::Error, fs, io::Read as _, path::PathBuf};
 use flate2::read::GzDecoder;
 
 const RECORDING: &str = "../../samples/broad.csv.gz";
-/// Numbers of a row that the filter uses: time, rate, force and field.
+/// Number of columns that the filter uses: time, and three axes each of rate, specific force and
+/// magnetic field.
 const COLUMNS: usize = 10;
 
 fn main() -> Result<(), Box<dyn Error>> {

@@ -38,7 +38,8 @@ const MAX_WAIT: Duration = Duration::from_millis(50);
 const STOP_TIMEOUT: Duration = Duration::from_secs(1);
 /// Interval between health reports of an owner.
 const HEALTH_INTERVAL_NS: u64 = 100_000_000;
-/// Interval between health reports of a candidate. It is shorter, because swaps wait for them.
+/// Interval between health reports of a candidate. It is shorter than for an owner, because swaps
+/// wait for these reports.
 const CANDIDATE_HEALTH_INTERVAL_NS: u64 = 10_000_000;
 
 /// Connection of a service to a running system.
@@ -187,7 +188,7 @@ impl ServiceContext {
 
 /// Sets `stop_flag` on a stop signal and when the supervisor exits.
 ///
-/// If the process has not stopped after [`STOP_TIMEOUT`], for example because a step does not
+/// If the process has not stopped after [`STOP_TIMEOUT`], for example because its stage does not
 /// return, a thread ends it. This is necessary, because there may be no supervisor left to kill it.
 fn install_signal_handlers(
     stop_flag: &Arc<AtomicBool>,

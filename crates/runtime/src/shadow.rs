@@ -106,7 +106,7 @@ impl ErrorSums {
     }
 }
 
-/// Returns the rotation of the body between two attitudes, w x y z, body axes.
+/// Returns the rotation between two attitudes as a quaternion (w, x, y, z), in body axes.
 fn rotation_between(from: Quaternion<f64>, to: Quaternion<f64>) -> [f64; 4] {
     let rotation = from.conjugate() * to;
     [rotation.w, rotation.i, rotation.j, rotation.k]

@@ -17,7 +17,7 @@ pub trait SlotProcessor {
     /// Slot that runs the stage.
     const SLOT: Slot;
 
-    /// Message of any of the inputs.
+    /// Message from any of the slot's inputs.
     type Input;
     /// Message that the slot publishes.
     type Output: Ticked + Comparable;
@@ -60,8 +60,8 @@ pub trait SlotProcessor {
         true
     }
 
-    /// Declares that all input ticks before `tick` have been published, so that the slot waits
-    /// longer for missing ones.
+    /// Declares that all input ticks before `tick` have been published. The slot then waits longer
+    /// for those that have not arrived yet.
     fn expect_backlog(&mut self, _tick: u64) {}
 }
 

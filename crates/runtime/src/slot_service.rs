@@ -23,19 +23,19 @@ pub struct SlotService<S: SlotProcessor> {
     checkpoint_ticks: u64,
     slot: S,
     gate: OutputGate<S::Output>,
-    /// Tick of a swap. Outputs carry the flag `SWAPPED` up to and including the first one at or
-    /// after this tick.
+    /// Set after a swap, until an output at or after this tick has been published. Every output up
+    /// to and including that one carries the flag `SWAPPED`.
     swapped_at: Option<u64>,
-    /// Set if inputs before this tick are missing after a restart. Outputs carry the flag
-    /// `LOST_BEFORE` up to and including the first one at or after this tick. All of them are
-    /// flagged, because subscribers discard the outputs before this tick as repeated.
+    /// Set if inputs before this tick are missing after a restart, until an output at or after this
+    /// tick has been published. Every output up to and including that one carries the flag
+    /// `LOST_BEFORE`, because subscribers discard the outputs before this tick as repeated.
     missed_at: Option<u64>,
     /// Next tick of the restored checkpoint. `None` after the first output.
     resumed_tick: Option<u64>,
     /// Tick after the last one that the slot had published before this process started.
     published_end_tick: u64,
     next_checkpoint_tick: u64,
-    /// Newest checkpoint; zero before the first one.
+    /// Newest checkpoint; all zeros before the first one.
     checkpoint: Box<Checkpoint>,
     flags: Flags,
     invalid_outputs: u64,
@@ -176,8 +176,8 @@ impl<S: SlotProcessor> SlotService<S> {
     }
 }
 
-/// Sets the flags `SWAPPED` and `LOST_BEFORE` on each output, up to and including the first one at
-/// or after the tick `swapped_at` or `missed_at`.
+/// Sets the flag `SWAPPED` while `swapped_at` is set, and the flag `LOST_BEFORE` while `missed_at`
+/// is set. Clears each of the two after the first output at or after its tick.
 fn with_flags<O: Ticked>(mut output: O, swapped_at: &mut Option<u64>, missed_at: &mut Option<u64>) -> O {
     let Header { tick, flags, .. } = output.header_mut();
     *flags |= Flags::SWAPPED.when(swapped_at.is_some()) | Flags::LOST_BEFORE.when(missed_at.is_some());

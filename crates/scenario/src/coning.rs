@@ -6,8 +6,8 @@
 //! cos Ωt, −Ω (1 − cos α)).
 //!
 //! The axis of rotation changes continuously. An integrator that uses the integral of the rate over
-//! an interval of length h as its rotation vector therefore drifts about ζ, at a rate of
-//! approximately ½ Ω α² (1 − sin(Ωh)/(Ωh)).
+//! an interval of length h as its rotation vector therefore drifts about the body axis ζ, at a rate
+//! of approximately ½ Ω α² (1 − sin(Ωh)/(Ωh)).
 
 use attitude::{Quaternion, Vector3, state::Attitude};
 

@@ -1,4 +1,4 @@
-//! Scenarios: a motion with its sampling rate, duration, scored part and sensor errors.
+//! Scenarios: a motion with its sampling rate, duration, scored interval and sensor errors.
 //!
 //! Input: a name, optionally with a query that overrides parameters, such as
 //! `cruise?seed=3&gnss=gaps`.
@@ -49,8 +49,8 @@ pub struct Parameter {
     pub max: f64,
     /// Short description with the unit.
     pub description: &'static str,
-    /// Sets the parameter. If the scenario lacks the part to which the parameter belongs, the error
-    /// names that part.
+    /// Sets the parameter. If the scenario has no element to which the parameter applies, such as a
+    /// magnetometer, the error names that element.
     set: fn(&mut Scenario, f64) -> Result<(), &'static str>,
 }
 
@@ -179,7 +179,8 @@ impl Scenario {
         {
             return Err(ScenarioError::DuplicateKey { found: (*key).into() });
         }
-        // Changing the sampling rate rescales the noise, so noise parameters are set afterwards.
+        // A new sampling rate rescales the noise, so the numeric parameters, such as noise, are set
+        // afterwards.
         let (others, numbers): (Vec<_>, Vec<_>) = pairs.into_iter().partition(|(key, _)| KEYS.contains(key));
         others.into_iter().try_for_each(|(key, value)| scenario.set_key(key, value))?;
         for (key, value) in numbers {
@@ -194,7 +195,7 @@ impl Scenario {
     ///
     /// # Errors
     ///
-    /// Returns an error if there is no such parameter or the scenario lacks the part it belongs to.
+    /// Returns an error if there is no such parameter or it does not apply to the scenario.
     pub fn set(&mut self, name: &str, value: f64) -> Result<(), ScenarioError> {
         let parameter = PARAMETERS.iter().find(|parameter| parameter.name == name);
         let Parameter { name, set, .. } = parameter.ok_or_else(|| ScenarioError::UnknownKey { found: name.into() })?;
@@ -314,7 +315,7 @@ pub enum ScenarioError {
         scenario: &'static str,
         /// Key that does not apply.
         key: &'static str,
-        /// Missing part of the scenario, such as a magnetometer.
+        /// Missing element of the scenario, such as a magnetometer.
         missing: &'static str,
     },
 }

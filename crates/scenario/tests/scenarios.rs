@@ -129,8 +129,8 @@ fn noise_has_specified_standard_deviation() {
         let matrix = reading.truth.attitude.matrix();
         force2 += (reading.force_m_s2 - reading.truth.force_m_s2).norm_squared() / 3.0;
         field2 += (reading.field_ut.unwrap() - matrix * reference_ut).norm_squared() / 3.0;
-        // The axis of rotation changes at two samples, which causes a large difference there. Each
-        // squared difference is therefore capped.
+        // The axis of rotation changes at two samples, where the reading differs greatly from the
+        // true rate. Each squared difference is therefore capped.
         rate2 += (reading.rate_rad_s - reading.truth.rate_rad_s).norm_squared().min(0.01) / 3.0;
         count += 1.0;
     }

@@ -28,7 +28,7 @@ pub const MAX_FRAME_BYTES: usize = 16_384;
 /// Status of a response that rejects the request.
 const REJECTED: u32 = 1;
 
-/// Kind of a request. Each variant also states the payloads, as request → response.
+/// Kind of a request. The description of each variant ends with its payloads, request → response.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 #[repr(u16)]
 pub enum RequestKind {

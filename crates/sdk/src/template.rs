@@ -19,10 +19,11 @@ const PYTHON_PACKAGE: [(&str, &str); 7] = [
     ("values.py", include_str!("../python/plumbline/values.py")),
 ];
 
-/// Header for stages in C and C++.
+/// Text of the header file `plumbline.h`, for stages in C and C++.
 pub const C_HEADER: &str = include_str!("../c/plumbline.h");
 
-/// Names that a module or crate must not have.
+/// Names that a stage must not have: keywords of Python and Rust, and names of modules that the
+/// templates use.
 const RESERVED_NAMES: [&str; 81] = [
     "abstract",
     "and",

@@ -1,4 +1,4 @@
-//! The slots of the data path, as values that map messages to messages.
+//! The slots of the data path: types that turn input messages into output messages.
 //!
 //! The services run them as processes on the bus. `pipeline` runs them in one process, and the
 //! simulator runs them on a simulated bus.

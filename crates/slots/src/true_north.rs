@@ -31,7 +31,7 @@ pub(crate) struct TrueNorth {
     /// Date of the run; `None` if true north is not requested.
     date: Option<time::Date>,
     declination: Option<Declination>,
-    /// Set if the previous course was magnetic.
+    /// Set if the previous course referred to magnetic north.
     was_magnetic: bool,
 }
 

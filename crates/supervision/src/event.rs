@@ -212,8 +212,8 @@ pub enum Reply {
     Done,
 }
 
-/// Formats the last output on standard error after a colon, each line with the mark of foreign
-/// text. The result is empty if there was no output.
+/// Formats the last output on standard error, preceded by a colon. Each line carries the mark of
+/// foreign text. The result is empty if there was no output.
 pub(crate) fn after_colon(stderr: &ForeignText) -> String {
     if stderr.raw().is_empty() {
         return String::new();
@@ -255,7 +255,7 @@ pub enum Failure {
         fault: FileFault,
         /// Number of times that files were removed or damaged.
         count: usize,
-        /// Length of the period in which they were counted, s.
+        /// Length of the period in which the faults were counted, s.
         within_s: u64,
     },
 }

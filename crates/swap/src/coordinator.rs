@@ -75,8 +75,7 @@ impl Coordinator {
         self.active
     }
 
-    /// Returns `true` if a checkpoint with this next tick may replace the stored one of the
-    /// service.
+    /// Returns `true` if a checkpoint with the given next tick may be stored for the service.
     ///
     /// Until a hand-over is settled, checkpoints beyond the hand-over tick are rejected. The
     /// outputs that the active stage publishes from that tick on might not have reached the

@@ -24,7 +24,7 @@ pub enum Resume {
 }
 
 impl Resume {
-    /// Returns the checkpoint, or `None` for another kind of state.
+    /// Returns the checkpoint, or `None` for a fresh start or the position of a source.
     pub fn checkpoint(&self) -> Option<&Checkpoint> {
         match self {
             Self::Checkpoint(checkpoint) => Some(checkpoint),

@@ -101,7 +101,8 @@ impl ControlMessage for GatewayReport {
     }
 }
 
-/// Rejects more than [`MAX_PARAMETERS`] parameters, and names and values that no parameter has.
+/// Rejects more than [`MAX_PARAMETERS`] parameters, malformed names, and values that are not
+/// finite.
 pub(crate) fn check_parameters<'p>(
     message: &'static str,
     parameters: impl ExactSizeIterator<Item = (&'p str, f64)>,

@@ -1,4 +1,4 @@
-//! Loss accounting for the messages received under a key.
+//! Loss accounting for the messages received under a Zenoh key.
 //!
 //! Input: envelopes in order of arrival.
 //!
@@ -10,7 +10,7 @@ use std::fmt;
 
 use crate::v1::Envelope;
 
-/// Counts of the messages received under a key. When the gateway restarts, `decimated` and
+/// Counts of the messages received under a Zenoh key. When the gateway restarts, `decimated` and
 /// `dropped` restart from 0. All other counts continue.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
 pub struct DeliveryTracker {

@@ -2,7 +2,8 @@
 #![no_std]
 #![forbid(unsafe_code)]
 
-/// Recording as rows of ten numbers: time, rate, force and field.
+/// Recording as rows of ten numbers: time, and three axes each of rate, specific force and magnetic
+/// field.
 static RECORDING: &[u8] = include_bytes!(concat!(env!("OUT_DIR"), "/recording.bin"));
 
 /// Sample of all sensors.

@@ -1,4 +1,4 @@
-//! Calibration of the running system's sensors, driven from the page.
+//! Calibration of the running system's sensors, controlled from the page.
 //!
 //! Input: sensor readings and requests of viewers.
 //! Output: progress reports for the page, the last one with the result.
@@ -67,9 +67,10 @@ impl Calibration {
         self.started.elapsed() > CALIBRATION_TIMEOUT
     }
 
-    /// Returns a progress report if at least [`REPORT_INTERVAL`] has passed since the last one. A
-    /// report with a non-empty `report` field contains the result, and comes with its sections for
-    /// the launch file.
+    /// Returns a progress report if at least [`REPORT_INTERVAL`] has passed since the last one.
+    ///
+    /// Once the calibration has a result, the field `report` of the progress report describes it.
+    /// The second returned value is then the result as launch-file sections.
     pub(crate) fn progress(&mut self) -> Option<(v1::Calibration, Option<String>)> {
         if self.last_report.is_some_and(|last| last.elapsed() < REPORT_INTERVAL) {
             return None;

@@ -142,7 +142,7 @@ fn read_log(target: &dyn CommandTarget, command: PageCommand, tokens: &Tokens) -
     }
 }
 
-/// Executes a command without a slot and returns its reply.
+/// Executes a command that does not concern a slot, and returns its reply.
 fn reply(command: PageCommand, execute: impl FnOnce(&PageCommand) -> Result<(), String>) -> SwapAnswer {
     match execute(&command) {
         Ok(()) => {

@@ -54,7 +54,7 @@ struct Backlog {
     /// Number of the newest status.
     status_number: u64,
     calibration: Option<Calibration>,
-    /// Sections of the result of `calibration` for the launch file; `None` without a result.
+    /// Launch-file sections with the result of `calibration`; `None` without a result.
     sections: Option<String>,
     /// Number of the newest progress report of a calibration.
     calibration_number: u64,
@@ -180,8 +180,8 @@ impl Hub {
         self.news.send_replace(());
     }
 
-    /// Sends the progress of a calibration to the viewers, and keeps the sections of its result for
-    /// the launch file.
+    /// Sends the progress of a calibration to the viewers, and keeps the launch-file sections with
+    /// its result.
     pub(crate) fn publish_calibration(&self, calibration: Calibration, sections: Option<String>) {
         let mut backlog = self.backlog();
         backlog.sections = sections;
@@ -191,7 +191,7 @@ impl Hub {
         self.news.send_replace(());
     }
 
-    /// Returns the sections of the result of this calibration for the launch file; `None` if its
+    /// Returns the launch-file sections with the result of the calibration `what`; `None` if its
     /// result is not the newest one.
     pub(crate) fn calibration_sections(&self, what: &str) -> Option<String> {
         let backlog = self.backlog();

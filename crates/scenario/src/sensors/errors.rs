@@ -14,8 +14,8 @@ pub struct SensorErrors {
     pub accel_noise_m_s2: f64,
     /// If `true`, the sign of every constant error is random on each axis, determined by the seed.
     pub random_signs: bool,
-    /// If `true`, forces and fields have no noise in the first reading, so that a filter
-    /// initialised from it starts at the true attitude.
+    /// If `true`, the force and the magnetic field of the first reading have no noise, so that a
+    /// filter initialised from them starts at the true attitude.
     pub exact_start: bool,
     /// Standard deviation of the gyro's white noise on each axis and sample, rad/s.
     pub gyro_noise_rad_s: f64,
@@ -34,7 +34,7 @@ pub struct SensorErrors {
     pub receiver: Option<Receiver>,
 }
 
-/// Magnetometer and the field around it.
+/// Magnetometer and the magnetic field around it.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Magnetometer {
     /// Magnetic field, µT, reference axes.
@@ -114,7 +114,7 @@ impl SensorErrors {
     };
 
     /// Returns the errors of S3. On each axis, the gyro noise is 1 °/s, the force noise 0.03 g, and
-    /// the field noise 0.03 times the field strength.
+    /// the magnetometer noise 0.03 times the strength of the magnetic field.
     pub fn s3() -> Self {
         let reference_ut = Vector3::from(crate::s3::FIELD_UT);
         Self {

@@ -10,8 +10,8 @@ use crate::{
     state::flow::{Flow, Phase},
 };
 
-/// Time to wait for further output once the source has ended. After it, the remaining ticks are
-/// given up.
+/// Longest time without output once the source has ended. After that, the remaining ticks are given
+/// up.
 ///
 /// It is long enough for a killed or hung service to be restarted.
 const DRAIN_TIMEOUT: Duration = Duration::from_secs(2);
@@ -24,8 +24,8 @@ const DRAIN_TIMEOUT_STARTING: Duration = Duration::from_secs(15);
 /// Time without output, in addition to `silence_s`, after which missing ticks count as lost
 /// although every service runs. The timeout applies only if the source waits for credit.
 const MISSING_TICK_TIMEOUT: Duration = Duration::from_secs(5);
-/// Interval between two extra windows of credit, which the source receives while ticks are missing
-/// from the output. It gives subscribers time to catch up.
+/// Interval between the extra windows of credit that the source receives while the output waits for
+/// a missing tick. The interval gives subscribers time to catch up.
 const EXTRA_WINDOW_INTERVAL: Duration = Duration::from_millis(100);
 
 impl Supervision {
@@ -97,7 +97,7 @@ impl Supervision {
         }
     }
 
-    /// Grants another window despite missing output.
+    /// Grants another window of credit although ticks are missing from the output.
     ///
     /// This is necessary because subscribers give up a lost tick only once later ticks are far
     /// enough ahead of it.
@@ -115,11 +115,12 @@ impl Supervision {
         }
     }
 
-    /// Returns the first tick of the range of ticks that are guaranteed to stay in the topics until
-    /// they are read.
+    /// Returns the tick from which on messages are guaranteed to stay in the topics until they are
+    /// read.
     ///
-    /// In lockstep, this includes all ticks for which credit was granted. Otherwise messages older
-    /// than half of the buffer may be overwritten before they are read.
+    /// If the source waits for credit, this guarantee holds even after it has published every tick
+    /// for which credit was granted. Otherwise messages older than half of the buffer may be
+    /// overwritten before they are read.
     pub(crate) fn held_from(&self) -> u64 {
         let buffer_ticks = self.config.buffer_ticks;
         let newest = self.published.iter().max().copied().unwrap_or(0);

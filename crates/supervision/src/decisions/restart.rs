@@ -21,13 +21,14 @@ use crate::{
 /// After a stall, the deadlines of silent services are extended by its duration.
 const MIN_STALL: Duration = Duration::from_millis(100);
 
-/// Time that a restarted external stage has at least to start, as a share of `buffer_s`.
+/// Minimum time that a restarted external stage is given to start, as a share of `buffer_s`.
 ///
-/// An interpreter starts several times slower on a busy machine. Killing it earlier gains nothing,
-/// because the topics still hold its inputs, and the rest of `buffer_s` suffices for another start.
+/// An interpreter starts several times slower on a busy machine. Killing the stage earlier gains
+/// nothing, because the topics still hold its inputs, and the rest of `buffer_s` suffices for
+/// another start.
 const EXTERNAL_START_SHARE: f64 = 0.75;
 
-/// Suggested `buffer_s` relative to the time that would have been needed.
+/// Suggested `buffer_s` relative to the buffer time that the restart would have needed.
 const BUFFER_MARGIN: f64 = 1.25;
 
 impl Supervision {
@@ -199,8 +200,8 @@ impl Supervision {
         }
     }
 
-    /// Records a health report. Reports ticks that were lost because an owner was restarted too
-    /// late.
+    /// Records a health report. If the restart of an owner took longer than the topics hold
+    /// messages, announces how many ticks were lost.
     pub(crate) fn on_health(&mut self, health: Health) {
         let Some(resume_tick) = self.table.on_health(health, self.now) else { return };
         let Some(service) = Service::ALL.get(health.service as usize) else { return };

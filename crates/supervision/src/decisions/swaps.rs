@@ -131,7 +131,8 @@ impl Supervision {
     ///
     /// # Errors
     ///
-    /// Returns the current stage, empty if there is no such slot, and the reason for the rejection.
+    /// The error is the current stage, empty if there is no such slot, and the reason for the
+    /// rejection.
     fn validate_request(&self, request: &SwapRequest) -> Result<(Slot, String), (String, String)> {
         let launch = &self.config.launch;
         let Some(slot) = Slot::from_name(&request.slot).filter(|slot| self.swaps.state(*slot).is_some()) else {
@@ -415,10 +416,10 @@ fn limits(config: &Config) -> SwapLimits {
         shadow_ms: 100,
         commit_timeout_ms: 300 + (longest_margin_ticks as f64 / rate_hz * 1e3) as u64,
         restore_timeout_ms: 500,
-        // In lockstep the previous stage can keep running for a long time, because a restarted
-        // subscriber finds all its inputs no matter how late it returns. The 60 s cover a
-        // replacement that takes `ready_timeout_ms` to fail, followed by a few processes that take
-        // as long to start.
+        // In lockstep the previous stage keeps running for a long time, because a restarted
+        // subscriber needs its outputs no matter how late it returns. The 60 s cover a replacement
+        // that takes `ready_timeout_ms` to fail, followed by a few processes that take as long to
+        // start.
         linger_ms: if lockstep { 60_000 } else { 1_000 },
         stop_retry_ms: 400,
         max_lag_ticks: ((rate_hz * 0.02) as u64).max(8),

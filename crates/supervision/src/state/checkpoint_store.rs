@@ -17,15 +17,15 @@ const MAX_CHECKPOINTS: usize = 32;
 pub(crate) struct CheckpointStore {
     owners: [VecDeque<Checkpoint>; Service::ALL.len()],
     candidates: [VecDeque<Checkpoint>; Service::ALL.len()],
-    /// Tick of the next attitude to collect. The last slot's output for earlier ticks is not
-    /// needed.
+    /// Tick of the next attitude to collect. The output of the path's last slot is no longer needed
+    /// for earlier ticks.
     output_tick: Option<u64>,
     /// For each service with a slot, the first input tick that a live process of the service may
     /// still need.
     ///
     /// A restarted process or a candidate may be behind the newest checkpoints.
     positions: [Option<u64>; Service::ALL.len()],
-    /// First tick of the range of ticks that are guaranteed to stay in the topics until read.
+    /// Tick from which on messages are guaranteed to stay in the topics until they are read.
     held_from: u64,
     /// For each service, `true` if it recomputes its output from the first tick on because the bus
     /// was renewed.
@@ -128,8 +128,8 @@ impl CheckpointStore {
         Some(self.positions[service as usize].map_or(resumes_at, |position| position.min(resumes_at)))
     }
 
-    /// Returns the oldest tick that any downstream service would request if all restarted from
-    /// their checkpoints.
+    /// Returns the oldest tick that any downstream service would request if all of these services
+    /// restarted from their checkpoints.
     fn needed_tick(&self, service: Service) -> u64 {
         if service == Service::Course {
             return self.output_tick.unwrap_or(u64::MAX);
@@ -154,8 +154,9 @@ impl CheckpointStore {
     ///
     /// If all checkpoints are later, returns the oldest of them, because the earlier output is on
     /// the bus. There are two exceptions, in which the result is `None`: the output has to be
-    /// recomputed, or the topics still hold every input. In the second case the publisher of the
-    /// earlier output may have exited, and a fresh start can recompute that output.
+    /// recomputed after a bus renewal, or the topics still hold every input. In the second case the
+    /// publisher of the earlier output may have exited, and a fresh start can recompute that
+    /// output.
     fn checkpoint_by(&self, service: Service, needed_tick: u64) -> Option<&Checkpoint> {
         let checkpoints = self.owner_checkpoints(service);
         let full_replay = self.full_replay[service as usize] || self.held_from == 0;

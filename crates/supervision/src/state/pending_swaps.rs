@@ -7,8 +7,8 @@ use swap::{FailureReason, Report, SwapOutcome};
 
 use crate::OutputProgress;
 
-/// Number of ticks after the commit tick in which the longest interval between attitudes is
-/// determined for the swap report.
+/// Number of ticks after the commit tick that count towards the longest interval between attitudes
+/// in the swap report.
 const TICKS_AFTER_COMMIT: u64 = 50;
 /// Time limit for the attitudes after the commit tick to arrive, ms.
 const COMMIT_WAIT_TIMEOUT_MS: u64 = 500;
@@ -125,7 +125,7 @@ impl PendingSwaps {
     /// Records the outcome reported by a slot's coordinator.
     ///
     /// The report concerns both the request for a shadow and the request for its promotion.
-    /// `last_stderr` is the last output on standard error of the process that exited last.
+    /// `last_stderr` is the end of the standard error of the slot's most recently exited process.
     pub(crate) fn complete(&mut self, slot: Slot, report: &Report, last_stderr: &ForeignText, now_ms: u64) {
         let busy = matches!(report.reason, Some(FailureReason::Busy { .. }));
         let is_completed =

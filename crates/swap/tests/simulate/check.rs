@@ -1,4 +1,4 @@
-//! Checks of each world, and of the coverage of all worlds together.
+//! Checks of each simulated world, and of the coverage of all worlds together.
 
 use std::{collections::BTreeMap, fmt};
 

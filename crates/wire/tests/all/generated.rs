@@ -7,7 +7,8 @@ use std::{env, fs, path::Path};
 
 use protox::prost::Message as _;
 
-/// Packages with their files: the project's own schema and that of third-party viewers.
+/// Protobuf packages with their files: the project's own schema and the schema of third-party
+/// viewers.
 const PACKAGES: [(&str, &[&str]); 2] = [
     ("plumbline/v1", &["common", "sensing", "estimate", "operation", "telemetry", "command", "cockpit"]),
     ("foxglove", &["FrameTransform", "PoseInFrame", "LocationFix"]),
