@@ -140,7 +140,8 @@ pub(crate) mod remote {
         }
     }
 
-    /// Link, vehicle or topic. None of them exists in this build.
+    /// Stand-in for a link, vehicle or topic. It has no value, because none of these exists in this
+    /// build.
     pub(crate) enum Absent {}
 
     pub(crate) use Absent as RemoteVehicle;

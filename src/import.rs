@@ -19,7 +19,7 @@ use crate::{
     stdout::print,
 };
 
-/// Minimum number of samples for a segment to have a time interval.
+/// Minimum number of samples of a segment. A segment with fewer samples has no time interval.
 const MIN_SEGMENT_SAMPLES: u64 = 2;
 
 /// Arguments of `plumb import`.

@@ -16,7 +16,8 @@ use crate::{system::EndpointArgs, topics::StopCondition};
 
 /// Longest wait for a message before the stop condition is checked.
 const RECEIVE_TIMEOUT: Duration = Duration::from_millis(100);
-/// Maximum number of fields that are read for one reading, so that a flood does not delay it.
+/// Maximum number of magnetic fields received per reading, so that a flood of them does not delay
+/// the reading.
 const MAX_FIELDS: usize = 1000;
 
 /// Arguments of `plumb bridge ros-sensor`.
@@ -85,7 +86,7 @@ impl RosSensor {
         let mut stop = StopCondition::new(|| observer.is_running(), self.args.duration);
         while !stop.is_met() {
             let Some(arrival) = imu.next(RECEIVE_TIMEOUT).filter(|arrival| arrival.is_present) else { continue };
-            // The newest field is forwarded once, with the next reading.
+            // The newest magnetic field is forwarded once, with the next reading.
             let mut field_ut = None;
             for _ in 0..MAX_FIELDS {
                 let Some(arrival) = mag.as_ref().and_then(|mag| mag.next(Duration::ZERO)) else { break };

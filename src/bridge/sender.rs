@@ -101,16 +101,16 @@ pub(super) trait AttitudeSender {
     /// Sends an attitude. Called once per tick, in tick order. `sample` is the sample of the same
     /// tick, if samples are read.
     fn send(&mut self, output: &AttitudeOutput, sample: Option<&ImuSample>);
-    /// Sends a magnetic field. Called only if fields are read.
+    /// Sends a magnetic field. Called only if the bridge reads magnetic fields.
     fn send_field(&mut self, _field: &MagSample) {}
-    /// Sends a fix. Called only if fixes are read.
+    /// Sends a fix. Called only if the bridge reads fixes.
     fn send_fix(&mut self, _fix: &GnssFix) {}
     /// Does periodic work, such as sending a heartbeat. Called several times a second, after all
     /// available attitudes have been sent.
     fn poll(&mut self);
 }
 
-/// Inputs of the system that a bridge reads in addition to the attitude.
+/// Topics of the system that a bridge reads in addition to the attitude.
 #[derive(Debug, Clone, Copy, Default)]
 pub(super) struct Inputs {
     pub(super) samples: bool,
@@ -167,7 +167,7 @@ pub(super) struct SendCounts {
     /// Number of attitudes not sent because they were not finite rotations or lacked a required
     /// sample.
     pub(super) invalid: u64,
-    /// Number of attitudes, fields and fixes not sent because they were too old.
+    /// Number of attitudes, magnetic fields and fixes not sent because they were too old.
     pub(super) stale: u64,
     /// Number of messages not accepted by the network.
     pub(super) dropped: u64,

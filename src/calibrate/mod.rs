@@ -118,7 +118,8 @@ enum CalibrationTarget {
 }
 
 impl CalibrationTarget {
-    /// Returns the kind of sensor errors; `None` for the noise.
+    /// Returns the kind of calibration; `None` for the noise, which a separate calibrator
+    /// determines.
     fn kind(self) -> Option<Kind> {
         match self {
             Self::Gyro => Some(Kind::Gyro),

@@ -33,12 +33,13 @@ pub const MAX_PORT_TIME: Duration = Duration::from_millis(1_500 * BAUD_RATES.len
 const READ_TIMEOUT: Duration = Duration::from_millis(20);
 /// Maximum number of bytes that are kept per baud rate.
 const MAX_BYTES: usize = 1 << 20;
-/// Minimum number of measurements for recognising a format. Bytes of another format do not
-/// pass for so many valid messages by chance, even if the recognised format has no checksum.
+/// Minimum number of measurements for recognising a format. Bytes of another format are not
+/// mistaken for this many valid messages by chance, even if the format has no checksum.
 const MIN_MEASUREMENTS: usize = 5;
 /// Minimum number of messages for recognising a receiver. Its messages have checksums.
 const MIN_RECEIVER_MESSAGES: u64 = 1;
-/// Maximum share of bytes that belong to no message, for formats without other messages.
+/// Maximum share of bytes that belong to no message. It applies to devices that send only messages
+/// of the format.
 const MAX_SKIPPED_SHARE: f64 = 0.2;
 /// Standard gravity, m/s².
 const GRAVITY_M_S2: f64 = 9.806_65;
@@ -53,7 +54,7 @@ const RATE_TOLERANCE: f64 = 0.05;
 /// Port and the result of listening to it.
 #[derive(Debug, Clone, PartialEq)]
 pub struct PortFinding {
-    /// Path of the device file, which is stable if the device has such a name.
+    /// Path of the device file, in `/dev/serial/by-id` if the device is listed there.
     pub path: PathBuf,
     /// Finding.
     pub finding: Finding,
@@ -100,7 +101,7 @@ pub struct DetectedDevice {
     pub sensors: Vec<&'static str>,
     /// Sensor axis that points up, such as "+z". `None` without a specific force of about 1 g.
     pub up_axis: Option<&'static str>,
-    /// Source or receiver as the command line accepts it.
+    /// Value for the option that selects the source or receiver on the command line.
     pub line: String,
     /// `true` for a satellite receiver.
     pub is_receiver: bool,
@@ -108,7 +109,7 @@ pub struct DetectedDevice {
     pub notes: Vec<String>,
 }
 
-/// Returns the serial ports of this machine, by stable names if available.
+/// Returns the serial ports of this machine, by their paths in `/dev/serial/by-id` if listed there.
 ///
 /// Built-in ports named `ttyS` are omitted, because most of them are not connected.
 pub fn serial_ports() -> Vec<PathBuf> {
@@ -185,7 +186,7 @@ struct Candidate {
     name: &'static str,
     decoder: Box<dyn Decoder>,
     is_receiver: bool,
-    /// `true` if the stream normally contains other messages too, which count as skipped.
+    /// `true` if the stream normally contains other messages too. Their bytes count as skipped.
     is_shared: bool,
 }
 
@@ -225,8 +226,8 @@ fn recognise(path: &Path, baud: u64, chunks: &[Chunk]) -> Option<DetectedDevice>
         let is_plausible = is_shared || share <= MAX_SKIPPED_SHARE;
         (is_found && is_plausible).then_some((share, name, is_receiver, measurements))
     });
-    // An autopilot or receiver shares its port with other messages, so the share decides only among
-    // formats that explain some of the bytes.
+    // The share of skipped bytes can be large, because an autopilot or receiver also sends other
+    // messages. It is therefore only used to select among the formats found.
     let (_, name, is_receiver, measurements) = results.min_by(|a, b| a.0.total_cmp(&b.0))?;
     Some(describe(path, baud, name, is_receiver, &measurements))
 }
@@ -301,7 +302,7 @@ fn describe(
     DetectedDevice { format, baud, rate_hz, sensors, up_axis: force.and_then(up_axis), line, is_receiver, notes }
 }
 
-/// Returns the rate of the measurements by their arrival, Hz.
+/// Returns the rate of the measurements according to their arrival times, Hz.
 fn rate_hz(measurements: &[&(Duration, Measurement)]) -> Option<f64> {
     let (first, last) = (measurements.first()?.0, measurements.last()?.0);
     // Bytes of several measurements arrive together, so the first group is not counted.
@@ -364,7 +365,7 @@ impl Units {
         let found = forces.into_iter().find(|(_, unit_m_s2)| is_near(*unit_m_s2));
         let (force, force_m_s2) = found.unwrap_or(("m/s2", 1.0));
         let time = time_unit(measurements);
-        // Devices that report g report °/s.
+        // Devices that report the force in g report the rate in °/s.
         let rate = if found.is_some() { "deg/s" } else { "rad/s" };
         (found.is_some() || time != "s").then_some(Self { time, force, force_m_s2, rate })
     }
@@ -381,8 +382,9 @@ impl Units {
     }
 }
 
-/// Returns the unit of the times of lines, which are read as seconds, by comparison with their
-/// arrival.
+/// Returns the unit of the timestamps in lines of text.
+///
+/// The timestamps, which are read as seconds, are compared with the arrival times.
 fn time_unit(measurements: &[&(Duration, Measurement)]) -> &'static str {
     let at_s = |time: DeviceTime| {
         let (DeviceTime::Counter { now_ns, .. } | DeviceTime::SinceBoot { now_ns } | DeviceTime::Unix { now_ns }) =
@@ -416,7 +418,7 @@ fn text_line(chunks: &[Chunk]) -> Option<String> {
 mod tests {
     use super::*;
 
-    /// Returns bytes that arrive in parts at 50 Hz for 1.5 s.
+    /// Returns chunks of `per_chunk` messages, which arrive at 50 Hz for 1.5 s.
     fn chunks(message: impl Fn(u32) -> Vec<u8>, per_chunk: u32) -> Vec<Chunk> {
         (0..75u32)
             .map(|n| {

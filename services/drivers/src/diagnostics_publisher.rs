@@ -46,8 +46,8 @@ impl DiagnosticsPublisher {
     }
 }
 
-/// Returns a line for each problem that has appeared or is resolved. If only figures of a problem
-/// have changed, there is no line for it.
+/// Returns a line for each problem that has appeared or is resolved. A problem in which only
+/// numbers have changed gets no line.
 pub(crate) fn changes(previous: &[Diagnostic], current: &[Diagnostic]) -> Vec<String> {
     let is_in =
         |list: &[Diagnostic], diagnostic: &Diagnostic| list.iter().any(|other| is_same_problem(other, diagnostic));

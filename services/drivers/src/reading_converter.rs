@@ -39,9 +39,10 @@ pub(crate) struct ReadingConverter {
 struct DeviceClock {
     last_ns: Option<i64>,
     offset_ns: i64,
-    /// Step between the last two readings that went forward, ns.
+    /// Most recent forward step between two consecutive timestamps, ns.
     interval_ns: i64,
-    /// Period of a narrow counter, found by the step across its wrap.
+    /// Period of a counter that wraps early, ns. Determined from the step at which it wraps; `None`
+    /// until then.
     narrow_period_ns: Option<i64>,
 }
 
@@ -82,8 +83,8 @@ impl ReadingConverter {
         self.fit.health()
     }
 
-    /// Returns a problem if readings without times are spaced by the default rate, because none is
-    /// declared.
+    /// Returns a problem if readings without timestamps are spaced by the default rate, because no
+    /// rate is declared.
     pub(crate) fn rate_problem(&self) -> Option<Diagnostic> {
         (!self.has_declared_rate && self.unstamped_count > 0).then(|| Diagnostic {
             kind: "assumed-rate".into(),
@@ -128,7 +129,7 @@ impl ReadingConverter {
         });
         match (self.clock, stamp) {
             (Clock::Device, Some(stamp)) => self.device_clock.unwrapped_ns(stamp),
-            // If there is no timestamp, the time is derived from the reading number.
+            // If there is no timestamp, the time is derived from the number of the reading.
             (Clock::Device, None) => {
                 self.unstamped_count += 1;
                 (self.unstamped_count as f64 * self.interval_s * 1e9) as i64

@@ -34,7 +34,7 @@ pub(crate) struct SenderDecoders {
 struct Candidate {
     sender: SocketAddr,
     decoder: Box<dyn Decoder>,
-    /// Start of the text of this sender; empty for other formats.
+    /// Beginning of the text received from this sender; empty if the format is not text.
     text: Vec<u8>,
     last_datagram: Duration,
 }

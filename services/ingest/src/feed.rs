@@ -60,7 +60,8 @@ impl BusFeed {
         })?;
         self.sensor.add_consumed(count);
         if count < limit as u64 {
-            // The topic is empty, so readings sent before the drain and not received are lost.
+            // The topic is empty, so readings that were sent before this drain but not received are
+            // lost.
             self.overwritten = self.overwritten.max(unconsumed.saturating_sub(count));
         }
         Ok(())

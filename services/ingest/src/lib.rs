@@ -179,7 +179,7 @@ struct Ingest {
     /// Publisher of the raw readings; `None` unless the flight is to be replayable.
     raw_readings: Option<RawReadingPublisher>,
     checkpoints: Publisher<Checkpoint>,
-    /// Newest checkpoint; zero before the first one.
+    /// Newest checkpoint; all zeros before the first one.
     checkpoint: Box<Checkpoint>,
     credit: Subscriber<Credit>,
     /// First tick that this incarnation publishes. A previous incarnation has published the ticks
@@ -342,8 +342,8 @@ impl Ingest {
         self.flags |= imu.header.flags;
         self.context.stamp(&mut imu.header);
         imu.header.t_born_ns = imu.header.t_sent_ns;
-        // Field and fix are published before the sample of their tick, so that subscribers need not
-        // wait for them.
+        // The magnetic field and the fix are published before the sample of their tick, so that
+        // subscribers need not wait for them.
         if let Some(mag) = mag {
             self.mag.send(&MagSample { header: imu.header, ..mag })?;
             self.mag.wake();

@@ -71,7 +71,7 @@ pub enum UpError {
     /// The configuration requires all slots on this host.
     #[error("cannot split the system over hosts: {reason}; run it live from \"sim\", \"bus\" or a device")]
     Split {
-        /// Conflicting setting.
+        /// Reason why the system cannot be split, shown to the user.
         reason: &'static str,
     },
     /// Standard input is the source but is a terminal.

@@ -71,8 +71,8 @@ impl InputTopics {
     pub(crate) fn poll(&mut self, checker: &mut InputChecker) -> Vec<String> {
         let Self { imu, mag, fields, buffer } = self;
         let mut samples = Vec::new();
-        // A field is published before the sample it belongs to, so the fields of these samples have
-        // arrived.
+        // A magnetic field is published before the sample of its tick, so the fields of these
+        // samples have arrived.
         let _ = imu.drain(*buffer, |sample| samples.push(sample));
         let _ = mag.drain(*buffer, |field| fields.push(field));
         let mut lines = Vec::new();

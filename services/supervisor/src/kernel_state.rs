@@ -3,7 +3,7 @@
 //! - Input: the entry in `/proc` of a process that this user owns.
 //! - Output: a short text with a part for each thread: name, state letter and the kernel function
 //!   in which the thread waits.
-//! - Failure: what cannot be read is left out.
+//! - Failure: a thread or value that cannot be read is left out.
 
 use std::{fs, path::Path};
 

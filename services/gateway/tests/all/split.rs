@@ -22,7 +22,7 @@ fn mask(topics: &[&str]) -> u8 {
 }
 
 fn header(tick: u64) -> Header {
-    // Every third tick has a field.
+    // Every third tick has a magnetic field.
     let flags = Flags::FIELD.when(tick.is_multiple_of(3));
     Header {
         tick,
@@ -313,9 +313,9 @@ proptest! {
             if next == 0 { continue; }
             let live = frame(&cache, before..next);
             match action {
-                // 0 delivers the frame, 1 loses it, 2 delays it. 3 restarts the importer at a tick
-                // up to `rewind` ticks back. Any other action delivers the delayed frames and
-                // requests missing ticks.
+                // Action 0 delivers the frame, 1 loses it, and 2 delays it. Action 3 restarts the
+                // importer at a tick up to `rewind` ticks back. Any other action delivers the
+                // delayed frames and requests missing ticks.
                 0 => reassembly.offer(Frame::decode(&live).unwrap()).unwrap(),
                 1 => {}
                 2 => delayed.push(live),

@@ -113,7 +113,8 @@ mod tests {
         assert!(matches!(read(&pipe), Err(FileError::NotRegular)));
         fs::set_permissions(&own, fs::Permissions::from_mode(0o620)).unwrap();
         assert!(matches!(read(&own), Err(FileError::WritableByOthers)));
-        // Only root can change the owner of a file. Other users test with a file owned by root.
+        // Only root can change the owner of a file. If the test does not run as root, it uses a
+        // file that root owns.
         let theirs = if geteuid().is_root() {
             fs::set_permissions(&own, fs::Permissions::from_mode(0o600)).unwrap();
             chown(&own, Some(12_345), None).unwrap();
