@@ -23,7 +23,8 @@ pub struct Coordinator {
     limits: SwapLimits,
     /// Epoch of the last decision.
     epoch: u32,
-    /// First tick that the owner publishes after a restart.
+    /// First tick of the owner under the last decision. A restarted owner publishes from this tick
+    /// on.
     from_tick: u64,
     active: Option<u32>,
     status: Option<OwnershipStatus>,
@@ -77,8 +78,8 @@ impl Coordinator {
 
     /// Returns `true` if a checkpoint with the given next tick may be stored for the service.
     ///
-    /// Until a hand-over is settled, checkpoints beyond the hand-over tick are rejected. The
-    /// outputs that the active stage publishes from that tick on might not have reached the
+    /// Until a hand-over is settled, checkpoints beyond the hand-over tick are rejected, because
+    /// the outputs that the active stage publishes from that tick on might not have reached the
     /// subscribers.
     pub fn admits_checkpoint(&mut self, incarnation: u32, next_tick: u64) -> bool {
         let limit = self.swap.as_ref().filter(|swap| swap.is_open()).and_then(|swap| swap.from_tick);

@@ -15,8 +15,8 @@ pub struct Sequence {
     /// Number of messages discarded because the same publisher had already sent the tick, or
     /// because the tick arrived after it had been given up.
     pub duplicated: u64,
-    /// Number of messages discarded because another publisher had already sent the tick, or owns
-    /// it.
+    /// Number of messages discarded because another publisher had already sent the tick or owns the
+    /// tick.
     pub repeated: u64,
     /// Incarnation that published the last tick; 0 before the first tick.
     pub publisher: u32,

@@ -18,7 +18,7 @@ use wire::{
 
 /// Maximum number of events in a snapshot.
 pub const MAX_EVENTS: usize = 256;
-/// Number of references kept for comparison with attitudes of the same tick.
+/// Number of reference attitudes kept for comparison with attitudes of the same tick.
 const MAX_REFERENCES: usize = 4096;
 /// Maximum number of attitudes per snapshot that are compared with references.
 const MAX_ATTITUDES: usize = 4096;
@@ -32,7 +32,7 @@ pub struct Decimator {
     snapshots: u64,
     picture: Picture,
     extremes: [Option<[f64; 2]>; QUANTITY_COUNT],
-    /// References, indexed by their ticks modulo [`MAX_REFERENCES`].
+    /// Reference attitudes, indexed by their ticks modulo [`MAX_REFERENCES`].
     references: Vec<Option<Reference>>,
     /// Ticks and quaternions of the attitudes since the last snapshot.
     attitudes: Vec<(u64, [f64; 4])>,

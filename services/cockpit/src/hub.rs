@@ -74,7 +74,7 @@ struct History {
 #[derive(Debug)]
 struct Snapshot {
     number: u64,
-    /// CLOCK_MONOTONIC, ns.
+    /// Time of the snapshot on CLOCK_MONOTONIC, ns.
     t_ns: u64,
     flags: u64,
     has_data: bool,

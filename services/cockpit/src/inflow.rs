@@ -37,7 +37,7 @@ const RATE_PER_S: usize = 32 * 1024;
 const MAX_READ_BYTES: usize = 4096;
 /// Delay of a client that has sent too much.
 const DELAY: Duration = Duration::from_millis(100);
-/// Framing of a ping or pong: two bytes of header and four of mask.
+/// Framing of a ping or pong, bytes: two of header and four of mask.
 const CONTROL_FRAMING_BYTES: usize = 6;
 
 /// Count of the bytes of a client's incomplete message.

@@ -223,7 +223,8 @@ impl DeviceMonitor {
         totals.zip(after).map(|(before, after)| (after - before) as f64)
     }
 
-    /// Returns `true` if measurements arrived in each of the last seconds, but fewer than `min_hz`.
+    /// Returns `true` if measurements arrived in each of the last [`SILENCE_S`] seconds, but fewer
+    /// than `min_hz`.
     ///
     /// A device that starts, ends or pauses has a second without measurements, or one at its full
     /// rate.

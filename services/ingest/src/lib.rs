@@ -241,8 +241,9 @@ impl Ingest {
 
     /// Returns the time at which a reading is due, CLOCK_MONOTONIC, ns.
     ///
-    /// `after_first_ns` is the reading's time after the first reading. After a system stall the
-    /// schedule is shifted, because the backlog could exceed what a topic buffers.
+    /// `after_first_ns` is the time from the first reading to this one on the source's clock, ns.
+    /// After a system stall the schedule is shifted, because the backlog could exceed what a topic
+    /// buffers.
     fn due_ns(&mut self, after_first_ns: i64, speed: f64, now_ns: u64) -> u64 {
         let ServiceConfig { rate_hz, .. } = self.context.config;
         let after_first_ns = (after_first_ns as f64 / speed) as u64;

@@ -24,7 +24,7 @@ const SHUTDOWN_POLL_INTERVAL: Duration = Duration::from_millis(2);
 
 /// Descendants without a parent. The kernel makes them children of this process.
 ///
-/// Dropping this kills the orphans.
+/// Dropping this value kills the orphans.
 #[derive(Debug)]
 pub(crate) struct Orphans {
     /// Child processes that are not orphans: services, and children that existed before the system.

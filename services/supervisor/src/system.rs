@@ -325,7 +325,7 @@ impl System {
         Ok(())
     }
 
-    /// Publishes an event even if it has no subscribers.
+    /// Adds its number and the time to an event, and publishes the event if the bus is available.
     fn publish_event(&mut self, event: SystemEvent) {
         let number = self.event_count;
         self.event_count += 1;

@@ -3,7 +3,7 @@
 //!
 //! - Input: decisions of [`Supervision`].
 //! - Output: [`Action::PublishEvent`].
-//! - Time: added by the caller.
+//! - Time: the caller adds the time of each event.
 //! - Failure: a text that is too long is truncated, and the event is marked.
 
 use control::SwapReport;

@@ -6,7 +6,7 @@ use std::{collections::VecDeque, time::Duration};
 #[derive(Debug, Default)]
 pub(crate) struct Renewals {
     pub(crate) renewals: VecDeque<Duration>,
-    /// Set once the removal has been announced to the user.
+    /// Set once the fault of the bus files has been announced to the user.
     pub(crate) announced: bool,
     pub(crate) under_way: bool,
     /// Set if a process that is not an owner has just exited before it could join the bus.

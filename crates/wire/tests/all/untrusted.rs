@@ -115,7 +115,7 @@ fn incomplete_swap_request_is_rejected() {
 #[test]
 fn unknown_field_is_skipped() {
     let mut bytes = wire::encode_batch(&Envelope::default(), &wire::encode_samples(&[Credit { ticks: 5, ends: 0 }]));
-    // Field 15 with a payload of three bytes.
+    // Protobuf field 15 with a payload of three bytes.
     bytes.extend([0x7a, 3, 1, 2, 3]);
     assert_eq!(wire::decode_batch::<Credit>(&bytes).unwrap().1, [Credit { ticks: 5, ends: 0 }]);
 }

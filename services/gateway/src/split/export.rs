@@ -30,7 +30,7 @@ const MAX_FRAMES_PER_REPLY: usize = 64;
 /// Longest wait for new records.
 const POLL_INTERVAL: Duration = Duration::from_millis(50);
 
-/// Bus side of an export.
+/// Side of an export that reads the ticks from the local bus.
 pub(crate) struct Export {
     sources: Vec<Box<dyn Source>>,
     merge: Merge,

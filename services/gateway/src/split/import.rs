@@ -48,7 +48,7 @@ const CREDIT_TIMEOUT: Duration = Duration::from_secs(5);
 /// Minimum interval between reports of lost ticks.
 const LOSS_REPORT_INTERVAL: Duration = Duration::from_secs(1);
 
-/// Bus side of an import.
+/// Side of an import that publishes the ticks on the local bus.
 pub(crate) struct Import {
     publishers: Vec<Option<Box<dyn TopicPublisher>>>,
     credit: Subscriber<Credit>,
@@ -58,8 +58,8 @@ pub(crate) struct Import {
     window_ticks: u64,
     /// Publication ends before this tick. `None` until the end of the system has been requested.
     end_tick: Option<u64>,
-    /// Start of a window of ticks that may be published without credit. After a loss or a timeout
-    /// the start is moved forward, because no tick before the new start remains to be published.
+    /// Start of a window of ticks that may be published without credit. After a loss or a timeout,
+    /// the window starts at the next tick to be published.
     floor_tick: u64,
     /// Last time at which publication made progress or was not limited by credit.
     blocked_since: Instant,

@@ -22,7 +22,8 @@ pub struct Merge {
     join: Join<TopicInputs>,
     /// Set once the first tick of the stream is known.
     has_started: bool,
-    /// Tick at which the stream starts even if some topics are still missing.
+    /// The stream starts as soon as a dense topic is past this tick, even if other dense topics
+    /// have not delivered a message yet.
     start_deadline: u64,
 }
 
