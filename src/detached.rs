@@ -187,7 +187,7 @@ pub(crate) fn down(Down { system }: Down) -> ExitCode {
 fn end(name: &str) -> Result<u32, DetachedError> {
     let system_name = SystemName::new(name)?;
     let not_running = || DetachedError::NotRunning { name: name.into() };
-    // The identifier is 0 while the supervisor has not recorded it.
+    // The identifier is 0 until the supervisor has recorded it.
     let pid = system_name.owner_pid()?.filter(|pid| *pid > 0).ok_or_else(not_running)?;
     let process = Pid::from_raw(pid.cast_signed()).ok_or_else(not_running)?;
     kill_process(process, Signal::TERM).map_err(|cause| DetachedError::Signal { pid, cause: cause.into() })?;
@@ -212,7 +212,8 @@ fn print_log(name: &str, follow: bool) -> Result<ExitCode, DetachedError> {
     let path = log_path(name).ok_or(DetachedError::NoFolder)?;
     let mut log = BufReader::new(File::open(&path).map_err(no_log)?);
     loop {
-        // Processes that have ended before the last line was read have written all lines.
+        // This is checked before the lines are read, because the log is complete once all processes
+        // have ended.
         let is_running = follow && matches!(log.get_ref().try_lock_shared(), Err(TryLockError::WouldBlock));
         let mut line = Vec::new();
         while log.read_until(b'\n', &mut line).map_err(|cause| DetachedError::Log { path: path.clone(), cause })? > 0 {

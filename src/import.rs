@@ -268,7 +268,7 @@ impl ReadableFile {
 
     /// Prints the number of samples with a reference from a separate file.
     pub(crate) fn announce_references(&self, reference: &Path) {
-        // Errors of both files are reported by the run.
+        // Errors in either file are reported by the run.
         if let Ok([used, rows]) = count_references(&self.path, reference) {
             let file = foreign::path(&self.user_path);
             supervisor::announce(format_args!("{file}: {used} of {rows} samples with a reference"));
@@ -292,8 +292,8 @@ pub(crate) struct ReadableTable {
 impl ReadableTable {
     /// Opens a table, converting it first if its dialect is not that of a recording.
     ///
-    /// A table that cannot be converted is returned unchanged, so that its reader reports the
-    /// mistake.
+    /// A table that cannot be converted is returned unchanged, so that the reader of the table
+    /// reports the error.
     pub(crate) fn open(path: &Path, table: Table) -> Self {
         let unchanged = Self { path: path.to_owned(), user_path: path.to_owned(), _folder: None };
         let is_plain = match table {
@@ -336,8 +336,8 @@ fn count_references(recording: &Path, reference: &Path) -> Result<[u64; 2], Reco
     Ok(counts)
 }
 
-/// Returns `true` if the file is read without an import: a recording without faults, or a file that
-/// is damaged from its start, which the reader reports.
+/// Returns `true` if the file is read without an import. This applies to a recording without
+/// faults, and to a file that is damaged from its start, because the reader reports the damage.
 fn is_read_unchanged(path: &Path) -> Result<bool, ImportError> {
     let format = match Format::detect(path) {
         Ok(format) => format,

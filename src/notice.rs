@@ -10,7 +10,7 @@ use console::{Color, Style, Term};
 use indicatif::{ProgressBar, ProgressStyle};
 use textwrap::Options;
 
-/// First words of a line that state the result of a check, with their colours.
+/// Words that state the result of a check at the start of a line, with their colours.
 const RESULTS: [(&str, Color); 4] =
     [("ok", Color::Green), ("warning", Color::Yellow), ("PROBLEM", Color::Red), ("FAILED", Color::Red)];
 

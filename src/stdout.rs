@@ -69,7 +69,7 @@ pub(crate) fn write_line(text: &dyn Display) -> io::Result<()> {
     Ok(())
 }
 
-/// Waits for room in standard output, for a short time.
+/// Returns `true` once standard output has room for more bytes, or `false` after a short wait.
 fn has_room() -> io::Result<bool> {
     let stdout = io::stdout();
     match poll(&mut [PollFd::from_borrowed_fd(stdout.as_fd(), PollFlags::OUT)], Some(&POLL_INTERVAL)) {
@@ -79,7 +79,7 @@ fn has_room() -> io::Result<bool> {
     }
 }
 
-/// Gives the signals that end a command their default effect, also after the command has installed
+/// Restores the default effect of the signals that end a command, even if the command has installed
 /// handlers.
 fn restore_default_signals() -> io::Result<()> {
     let always = Arc::new(AtomicBool::new(true));

@@ -196,7 +196,7 @@ impl CalibrateError {
 /// Collects readings for a calibration.
 enum Collector {
     Errors(Calibrator),
-    /// Noise, and the name of the fuser stage for which parameters are computed.
+    /// Noise calibrator, and the name of the fuser stage for which parameters are computed.
     Noise(NoiseCalibrator, String),
 }
 

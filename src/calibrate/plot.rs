@@ -10,7 +10,7 @@ use figures::{
 
 /// Width and height of the figure, pixels.
 const SIZE: (u32, u32) = (900, 900);
-/// Ratio of the ends of an axis to the smallest and largest value.
+/// Factor by which each axis extends beyond the smallest and the largest value.
 const MARGIN: f64 = 1.3;
 
 /// Writes the figure as an SVG. It shows the measured deviations with confidence intervals, and

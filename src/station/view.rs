@@ -21,7 +21,7 @@ const FRAME_INTERVAL: Duration = Duration::from_millis(100);
 const COUNT_INTERVAL: Duration = Duration::from_secs(1);
 const KEYS: &str = "q: quit   up/down: select a vehicle";
 
-/// State of the view: statistics of each vehicle and the selected one.
+/// State of the view: statistics of each vehicle, and the selected vehicle.
 #[derive(Default)]
 struct View {
     selected: Option<String>,

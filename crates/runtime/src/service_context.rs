@@ -32,7 +32,8 @@ use crate::{
 
 /// Maximum size of the configuration, bytes. A configuration holds a launch file and a few numbers.
 const MAX_CONFIG_BYTES: u64 = 1 << 20;
-/// Longest sleep, after which a service checks for input and stop requests even without a wake-up.
+/// Longest time for which a service sleeps. After that it checks for input and stop requests even
+/// if nothing has woken it.
 const MAX_WAIT: Duration = Duration::from_millis(50);
 /// Time after a stop request at which the process is terminated forcibly.
 const STOP_TIMEOUT: Duration = Duration::from_secs(1);
@@ -77,7 +78,7 @@ impl ServiceContext {
         let config: ServiceConfig = serde_json::from_str(&text).map_err(|cause| invalid(cause.to_string()))?;
         rustix::process::set_parent_process_death_signal(Some(rustix::process::Signal::HUP))
             .map_err(|cause| system("requesting a signal at the supervisor's exit")(cause.into()))?;
-        // The supervisor may have exited before the signal was requested.
+        // The supervisor may have exited before this process requested a signal for that exit.
         if rustix::process::getppid().map(|pid| pid.as_raw_nonzero().get() as u32) != Some(config.supervisor_pid) {
             return Err(invalid("the supervisor has exited".into()));
         }

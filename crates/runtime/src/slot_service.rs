@@ -145,7 +145,7 @@ impl<S: SlotProcessor> SlotService<S> {
         state
     }
 
-    /// Fills in the health, except for the fields that only the bus connection can provide.
+    /// Fills in the health report, except for the fields that only the bus connection can provide.
     pub fn fill_health(&self, health: &mut Health) {
         let Sequence { ticks, lost, duplicated, repeated, next_tick, .. } = *self.slot.sequence();
         let OwnershipStatus { decided_epoch, missed, published_from, .. } = self.gate.status();

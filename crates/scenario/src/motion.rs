@@ -35,7 +35,8 @@ impl Motion {
 
     /// Returns the motion with the given name, or `None` for an unknown name.
     ///
-    /// `tumble` has a rate of 500 °/s about an axis oblique to all three. The flights have seed 1.
+    /// `tumble` has a rate of 500 °/s about an axis oblique to all body axes. The flights have seed
+    /// 1.
     pub fn from_name(name: &str) -> Option<Self> {
         match name {
             "s1" => Some(Self::S1),

@@ -1,8 +1,8 @@
 //! Scenario S3: one full turn at 1 rad/s about x, then y, then z, starting from level; then rest.
 //!
 //! Each turn lasts 2π s. The motion is that of the paper S3 (improved orientation of a UAV by the
-//! Madgwick filter). The paper does not specify the magnetic field. The field used here has an
-//! inclination typical of middle latitudes and points to magnetic north.
+//! Madgwick filter). The paper does not specify the magnetic field. The magnetic field used here
+//! has an inclination typical of middle latitudes and points to magnetic north.
 
 use core::f64::consts::TAU;
 

@@ -34,8 +34,8 @@ const REJECTED: u32 = 1;
 pub enum RequestKind {
     /// Requests the [`Description`](crate::Description). Empty → text.
     Describe = 1,
-    /// Sets the parameter with the given index in the description to a value. Two numbers → empty,
-    /// or rejected.
+    /// Sets a parameter, given by its index in the description, to a value. Two numbers → empty, or
+    /// rejected.
     Set = 2,
     /// Processes one tick. Input of the slot → output of the slot.
     Step = 3,

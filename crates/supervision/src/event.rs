@@ -127,7 +127,8 @@ pub struct OutputProgress {
     pub not_recorded: u64,
     /// Number of attitudes published more than once.
     pub duplicated: u64,
-    /// Longest interval between two publications since the previous report, ns.
+    /// Longest interval between the publications of two consecutive attitudes since the previous
+    /// report, ns.
     pub max_gap_ns: u64,
     /// Last tick at which a different stage took over, and the attitude jump at that tick, rad.
     pub last_swap: Option<(u64, f64)>,

@@ -43,7 +43,7 @@ pub struct Coordinator {
 
 impl Coordinator {
     /// Creates the coordinator of a slot. The incarnation `active` owns the slot from tick 0 on.
-    /// `epoch` is the number of the decision that made it the owner.
+    /// `epoch` is the number of the decision that made `active` the owner.
     pub fn new(active: u32, epoch: u32, limits: SwapLimits) -> Self {
         Self {
             limits,

@@ -21,8 +21,8 @@ pub struct SwapLimits {
     /// Timeout for the active stage to resume ownership after a failed swap, ms. After that, the
     /// active stage is restarted.
     pub restore_timeout_ms: u64,
-    /// Longest time for which the previous stage keeps running after the swap is committed, ms. It
-    /// publishes nothing new, but subscribers that restart receive its history.
+    /// Longest time for which the previous stage keeps running after the swap is committed, ms. The
+    /// previous stage publishes nothing new, but subscribers that restart receive its history.
     pub linger_ms: u64,
     /// Interval at which the stop request to a service is repeated until the service has exited,
     /// ms.
@@ -135,7 +135,8 @@ pub enum Event {
 /// Output of the coordinator: a task for the supervisor.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum Action {
-    /// Starts the stage as a candidate, with `OutputGate::candidate(its incarnation, epoch, …)`.
+    /// Starts the stage as a candidate. The process creates its gate with
+    /// `OutputGate::candidate(incarnation, epoch, …)`.
     SpawnCandidate {
         /// Name of the stage.
         stage: String,
@@ -144,9 +145,9 @@ pub enum Action {
     },
     /// Starts the stage in place of an owner that has exited.
     ///
-    /// The stage resumes from the same checkpoint as in [`Action::RestartActive`], with
-    /// `OutputGate::owner(its incarnation, epoch, from_tick, …)`. An existing candidate is killed,
-    /// and the former owner is not restarted while the new stage is running.
+    /// The stage resumes from the same checkpoint as in [`Action::RestartActive`]. The process
+    /// creates its gate with `OutputGate::owner(incarnation, epoch, from_tick, …)`. An existing
+    /// candidate is killed, and the former owner is not restarted while the new stage is running.
     SpawnOwner {
         /// Name of the stage.
         stage: String,
@@ -155,7 +156,7 @@ pub enum Action {
         /// First tick that the stage publishes.
         from_tick: u64,
     },
-    /// Publishes a decision to the services of the slot and to its subscribers. Owner 0 means no
+    /// Publishes a decision to the services and the subscribers of the slot. Owner 0 means no
     /// owner.
     PublishDecision(OwnershipDecision),
     /// Stops the candidate, by force if necessary.
@@ -168,8 +169,8 @@ pub enum Action {
         /// Incarnation of the previous stage.
         incarnation: u32,
     },
-    /// Restarts the owner of the slot from its last checkpoint, with `OutputGate::owner(its
-    /// incarnation, epoch, from_tick, …)`.
+    /// Restarts the owner of the slot from its last checkpoint. The process creates its gate with
+    /// `OutputGate::owner(incarnation, epoch, from_tick, …)`.
     ///
     /// If the owner is still running, it is stopped first.
     RestartActive {

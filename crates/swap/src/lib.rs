@@ -14,9 +14,8 @@
 //! | [`coordinator`] | supervisor, per slot | swaps the stage and decides the owner of each tick |
 //! | [`event`] | between coordinator and supervisor | events, actions and reports |
 //!
-//! One rule decides ownership: *At tick t, the slot has the owner that is named by the newest
-//! decision (the one with the highest epoch) among the decisions with a first tick of t or
-//! earlier.*
+//! One rule decides ownership: *Of all decisions with a first tick of t or earlier, the one with
+//! the highest epoch names the owner of the slot at tick t.*
 //!
 //! No tick is lost if the system guarantees the following:
 //! - The messages of one publisher arrive in order, even if the publisher has exited. Messages of

@@ -68,7 +68,8 @@ pub fn channels(topics: &[Topic]) -> Vec<Channel> {
     own.chain(for_viewers).collect()
 }
 
-/// Byte offsets of the bookkeeping fields in a topic's messages; `None` for a field that is absent.
+/// Byte offsets of `tick`, `t_sent_ns` and `lost_upstream` in a topic's messages; `None` for an
+/// absent field.
 #[derive(Debug, Clone, Copy)]
 pub struct FieldOffsets {
     /// Offset of the field that holds the tick.

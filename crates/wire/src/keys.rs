@@ -29,7 +29,7 @@ pub const CARRY: &str = "@carry";
 /// Key of the vehicle's liveliness token.
 pub const LIVELINESS: &str = "@live";
 
-/// Returns the key that ends in `rest` for a vehicle. The vehicle `*` selects all vehicles.
+/// Returns the vehicle's key with the ending `rest`. The vehicle `*` selects all vehicles.
 pub fn key(vehicle: &str, rest: &str) -> String {
     format!("{PREFIX}/{vehicle}/{rest}")
 }

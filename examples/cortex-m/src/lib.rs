@@ -24,7 +24,7 @@ pub fn samples() -> impl Iterator<Item = Sample> {
     let (rows, _) = numbers.as_chunks::<10>();
     rows.iter().map(|row| {
         let [t_s, gx, gy, gz, ax, ay, az, mx, my, mz] = row.map(f64::from_le_bytes);
-        // The times are positive, so that adding one half rounds them.
+        // The times are positive, so adding one half before the cast rounds them.
         let t_ns = (t_s * 1e9 + 0.5) as i64;
         Sample { t_ns, gyro_rad_s: [gx, gy, gz], accel_m_s2: [ax, ay, az], field_ut: [mx, my, mz] }
     })

@@ -31,7 +31,8 @@ const CATCH_UP_TIME: Duration = Duration::from_secs(10);
 /// Time for which snapshots are kept for new viewers. It equals the time span of the strip charts
 /// on the page.
 const HISTORY: Duration = Duration::from_secs(60);
-/// Maximum size of the snapshots that are kept, bytes: twice that of an ordinary minute.
+/// Maximum size of the snapshots that are kept, bytes: twice the size of an ordinary minute of
+/// snapshots.
 const MAX_HISTORY_BYTES: usize = 8 << 20;
 
 /// Messages for the viewers.
@@ -123,7 +124,7 @@ impl History {
             self.bytes -= message.len();
             self.snapshots.remove(at);
         }
-        // Without new data, the snapshots of the last minute that has data are kept.
+        // Without new data, the last minute of snapshots with data is kept.
         let from_ns = if has_data { t_ns.saturating_sub(HISTORY.as_nanos() as u64) } else { 0 };
         while let Some(first) = self.snapshots.front()
             && (first.t_ns < from_ns || self.bytes > MAX_HISTORY_BYTES)
@@ -227,8 +228,9 @@ impl Hub {
     /// Returns the next message for a viewer; `None` if it has received all messages.
     ///
     /// A viewer receives only the newest status and the newest calibration. A viewer that is more
-    /// than [`MAX_LATE_SNAPSHOTS`] late after [`CATCH_UP_TIME`] receives a summary instead of the
-    /// missed snapshots. The summary has all their events and flags, which are never decimated.
+    /// than [`MAX_LATE_SNAPSHOTS`] snapshots late after [`CATCH_UP_TIME`] receives a summary
+    /// instead of the missed snapshots. The summary has all their events and flags, which are never
+    /// decimated.
     pub(crate) fn next_message(&self, cursor: &mut Cursor) -> Option<Bytes> {
         let backlog = self.backlog();
         if cursor.status != Some(backlog.status_number) {

@@ -57,7 +57,7 @@ impl Inflow {
     }
 
     /// Records a received message. A ping or pong may arrive between the fragments of a message, so
-    /// only its own bytes are subtracted from the count.
+    /// only the bytes of the ping or pong are subtracted from the count.
     pub(crate) fn record(&self, message: &Message) {
         let bytes = match message {
             Message::Ping(data) | Message::Pong(data) => data.len() + CONTROL_FRAMING_BYTES,

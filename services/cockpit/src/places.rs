@@ -205,7 +205,7 @@ impl Place {
         requests < MAX_REQUESTS_WITHOUT_TOKEN || self.role().is_some()
     }
 
-    /// Returns the account of the bytes received from the client.
+    /// Returns the count of the bytes received from the client.
     pub(crate) fn inflow(&self) -> &Arc<Inflow> {
         &self.0.inflow
     }

@@ -51,7 +51,7 @@ pub struct SystemDescription {
     pub rate_hz: f64,
     /// Slots that accept commands.
     pub slots: Vec<SlotDescription>,
-    /// Process of the supervisor; `None` if it runs on another machine.
+    /// Process ID of the supervisor; `None` if it runs on another machine.
     pub supervisor_pid: Option<u32>,
 }
 
@@ -139,7 +139,7 @@ pub trait CommandTarget: Send + Sync {
         Err("the log is on the vehicle; run `plumb logs` there".into())
     }
 
-    /// Writes sections, which are TOML, into the launch file of the system.
+    /// Writes TOML sections into the launch file of the system.
     ///
     /// # Errors
     ///

@@ -95,7 +95,7 @@ pub struct DetectedDevice {
     pub format: &'static str,
     /// Baud rate, bit/s.
     pub baud: u64,
-    /// Measured rate of the measurements, Hz. `None` if there were too few.
+    /// Measured sample rate, Hz. `None` if there were too few measurements.
     pub rate_hz: Option<f64>,
     /// Sensors of the received measurements.
     pub sensors: Vec<&'static str>,
@@ -213,7 +213,7 @@ fn candidates() -> Vec<Candidate> {
     sensors.chain(receivers).collect()
 }
 
-/// Returns the device of the format that explains most of the bytes, or `None`.
+/// Returns the device, in the format that explains most of the bytes, or `None` if no format fits.
 fn recognise(path: &Path, baud: u64, chunks: &[Chunk]) -> Option<DetectedDevice> {
     let total: usize = chunks.iter().map(|(_, bytes)| bytes.len()).sum();
     let results = candidates().into_iter().filter_map(|candidate| {

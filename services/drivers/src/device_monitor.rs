@@ -26,7 +26,7 @@ const NO_MEASUREMENT: &str = "no-measurement";
 const CORRUPTED: &str = "corrupted";
 /// Problem kind: a second sender sends datagrams to the same port.
 const SECOND_SENDER: &str = "second-sender";
-/// Problem kind: measurements arrive, but only of systems or components that are not decoded.
+/// Problem kind: measurements arrive only from systems or components that are not decoded.
 const FOREIGN_SYSTEM: &str = "foreign-system";
 /// Problem kind: the kernel dropped datagrams before they were read.
 const DROPPED: &str = "dropped";
@@ -40,7 +40,7 @@ const CLOCK: &str = "clock";
 const WINDOW_S: usize = 10;
 /// Time without bytes after which an open device counts as silent, s.
 const SILENCE_S: usize = 3;
-/// Minimum number of received bytes without a valid message at which a wrong format or speed is
+/// Minimum number of received bytes without a valid message at which a wrong format or baud rate is
 /// reported. The number is many times the length of a typical message.
 const FORMAT_BYTES: u64 = 1024;
 /// Minimum number of received messages without a measurement at which a problem is reported.
@@ -64,7 +64,7 @@ pub(crate) enum RateCheck {
     None,
     /// The rate is declared, Hz.
     Declared(f64),
-    /// No rate is declared. The buffers are dimensioned for this rate, Hz.
+    /// No rate is declared. The buffers are dimensioned for the given rate, Hz.
     AtMost(f64),
 }
 

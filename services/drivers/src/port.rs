@@ -112,8 +112,8 @@ impl DatagramPort {
     }
 }
 
-/// Reads the available bytes of a descriptor without a buffer. Returns `None` if no bytes arrive
-/// before the timeout.
+/// Reads the available bytes of a descriptor, without buffering further bytes. Returns `None` if no
+/// bytes arrive before the timeout.
 fn read_descriptor(port: &impl AsFd, bytes: &mut [u8], timeout: Duration) -> io::Result<Option<io::Result<usize>>> {
     Ok(is_readable(port, timeout)?.then(|| Ok(read(port.as_fd(), bytes)?)))
 }

@@ -26,7 +26,7 @@ pub(crate) struct ReadingConverter {
     /// Clock of the device, if its timestamps are used unchanged.
     device_clock: DeviceClock,
     interval_s: f64,
-    /// `false` if `interval_s` is that of the default rate.
+    /// `false` if no rate is declared, so that `interval_s` is the interval of the default rate.
     has_declared_rate: bool,
     /// Number of readings without a device timestamp.
     unstamped_count: u64,

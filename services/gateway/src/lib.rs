@@ -10,9 +10,9 @@
 //! Failure: messages that the network does not accept are dropped, oldest first, and counted. A
 //! dead, slow or blocked network does not affect the board.
 //!
-//! The main thread polls the bus, pushes batches into a bounded queue and sends them itself. It
-//! leaves them to the network thread only while that thread is using the publisher for liveliness
-//! tokens or a report. Each query has its own thread, up to a limit.
+//! The main thread polls the bus, pushes batches into a bounded queue and sends them itself. While
+//! the network thread is using the publisher for liveliness tokens or a report, that thread sends
+//! the batches instead. Each query has its own thread, up to a limit.
 //!
 //! | module | contents |
 //! | --- | --- |

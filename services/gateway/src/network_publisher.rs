@@ -83,7 +83,8 @@ impl NetworkPublisher {
         })
     }
 
-    /// Returns the last message of each key, shared with the publisher.
+    /// Returns the map with the last message sent under each key. The publisher keeps the map up to
+    /// date.
     pub(crate) fn last(&self) -> LastMessages {
         self.last.clone()
     }

@@ -1,8 +1,8 @@
 //! Bounded queue between bus and network. A full queue drops the oldest batch, since the newest
 //! data matter most.
 //!
-//! The thread that fills the queue also sends its batches. It leaves them to the network thread,
-//! and wakes that thread, only while the network thread is using the publisher.
+//! The thread that fills the queue also sends the batches. While the network thread is using the
+//! publisher, that thread is woken to send the batches instead.
 
 use std::{
     collections::VecDeque,

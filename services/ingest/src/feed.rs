@@ -11,7 +11,8 @@ use readings::source::{Reading, receiver_fix};
 pub(crate) struct BusFeed {
     pub(crate) sensor: Subscriber<SensorReading>,
     receiver: Subscriber<ReceiverReading>,
-    /// Health of the drivers; `None` if user programs publish the readings.
+    /// Subscriber to the health reports of the drivers; `None` if user programs publish the
+    /// readings.
     drivers: Option<Subscriber<Health>>,
     has_ended: bool,
     overwritten: u64,

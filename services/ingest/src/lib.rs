@@ -176,7 +176,7 @@ struct Ingest {
     mag: Publisher<MagSample>,
     gnss: Publisher<GnssFix>,
     reference: Publisher<Reference>,
-    /// Publisher of the raw readings; `None` unless the flight is to be replayable.
+    /// Publisher of the raw readings; `None` unless the recorded flight has to be replayable.
     raw_readings: Option<RawReadingPublisher>,
     checkpoints: Publisher<Checkpoint>,
     /// Newest checkpoint; all zeros before the first one.

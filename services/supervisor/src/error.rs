@@ -29,7 +29,7 @@ pub enum UpError {
     /// The recorded flight cannot be replayed.
     #[error("{0}")]
     Flight(String),
-    /// The launch file in a flight names a program.
+    /// The launch file in a flight runs a program as a stage, which the user has not permitted.
     #[error(
         "the flight's own launch file runs the program `{command}` as stage {stage}, and can name any program; if you trust it, add --trust-programs, or name your own launch file: plumb up --launch LAUNCH --replay FLIGHT"
     )]
@@ -79,7 +79,7 @@ pub enum UpError {
         "cannot read samples from standard input: it is a terminal; pipe a program or a file into it: PROGRAM | plumb up --source stdin"
     )]
     Terminal,
-    /// The run time on standard input needs a rate, because it is counted in readings.
+    /// A run time was given for standard input without a rate. The run time is counted in readings.
     #[error(
         "--for needs the rate of the readings on standard input: add it to the source, such as --source 'stdin?rate_hz=100'"
     )]

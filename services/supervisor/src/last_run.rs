@@ -43,7 +43,7 @@ struct Content {
     pid: u32,
     boot: String,
     started_unix_s: u64,
-    /// End of a run that failed; `None` while it runs and after it was killed.
+    /// Failure that ended the run; `None` while the run is in progress or if it was killed.
     failure: Option<Failure>,
 }
 

@@ -52,7 +52,8 @@ const LATE_EXIT: Duration = Duration::from_millis(100);
 
 /// Maximum number of exited processes that wait for the reaper thread.
 const MAX_UNREAPED: usize = 64;
-/// Delay between the exit of a process and its reaping, during which its threads clean up.
+/// Delay between the exit of a process and its reaping, during which the threads of the process
+/// clean up.
 ///
 /// Reaping earlier would spin in the kernel until the threads have finished, on the processor that
 /// the threads need. The delay is skipped at shutdown.
@@ -152,7 +153,8 @@ impl Processes {
 
     /// Passes an exited process to the reaper thread.
     ///
-    /// Reaps it here if the thread is missing or its queue is full.
+    /// Reaps the process on the calling thread if the reaper thread is missing or its queue is
+    /// full.
     fn reap_in_background(&mut self, child: Child) {
         self.reaper = self.reaper.take().or_else(ReaperThread::start);
         let result = match &self.reaper {

@@ -201,8 +201,8 @@ impl Supervision {
         self.notify_slot(slot, swap::Event::NewestInput { tick: newest.saturating_sub(1) });
         let next_tick = self.subscribers_resume_tick(slot.service());
         self.notify_slot(slot, swap::Event::SubscribersCheckpointed { next_tick });
-        // The topic is more up to date than the health report, but from the hand-over on it may
-        // contain the candidate's output.
+        // The topic is more up to date than the health report of the active stage. From the
+        // hand-over on, however, the topic may also contain outputs of the candidate.
         let hand_over_tick = self.swaps.state(slot).and_then(|state| match state.coordinator.state() {
             SwapState::Armed { from_tick } => Some(from_tick),
             _ => None,

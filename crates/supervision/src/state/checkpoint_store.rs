@@ -17,8 +17,8 @@ const MAX_CHECKPOINTS: usize = 32;
 pub(crate) struct CheckpointStore {
     owners: [VecDeque<Checkpoint>; Service::ALL.len()],
     candidates: [VecDeque<Checkpoint>; Service::ALL.len()],
-    /// Tick of the next attitude to collect. The output of the path's last slot is no longer needed
-    /// for earlier ticks.
+    /// Tick of the next attitude to collect. The output of the last slot on the data path is no
+    /// longer needed for earlier ticks.
     output_tick: Option<u64>,
     /// For each service with a slot, the first input tick that a live process of the service may
     /// still need.

@@ -15,7 +15,8 @@ pub(crate) struct Flow {
     pub(crate) last_progress: Duration,
     /// Most recent time at which a service was starting.
     pub(crate) last_starting: Duration,
-    /// Time at which an extra window was last granted despite missing output.
+    /// Time at which an extra window of credit was last granted although ticks were missing from
+    /// the output.
     pub(crate) last_extra_window: Duration,
 }
 

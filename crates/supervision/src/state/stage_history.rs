@@ -62,7 +62,7 @@ impl StageHistory {
         self.instances.last()
     }
 
-    /// Returns the number of the instance that wrote the checkpoint of a tick.
+    /// Returns the number of the instance that wrote the checkpoint with the given next tick.
     pub(crate) fn instance_at(&self, next_tick: Option<u64>) -> u32 {
         let had_started = |instance: &&StageInstance| instance.restored_tick <= next_tick;
         self.instances.iter().rev().find(had_started).or(self.instances.first()).map_or(0, |instance| instance.number)

@@ -1,4 +1,4 @@
-//! Exporting end: from the bus into the cache, and from there to subscribers and queries.
+//! Exporting side: from the bus into the cache, and from there to subscribers and queries.
 
 use std::{
     sync::{Arc, Condvar, Mutex, PoisonError},
@@ -30,7 +30,7 @@ const MAX_FRAMES_PER_REPLY: usize = 64;
 /// Longest wait for new records.
 const POLL_INTERVAL: Duration = Duration::from_millis(50);
 
-/// Side of an export that reads the ticks from the local bus.
+/// Bus side of an export, which reads the ticks from the local bus.
 pub(crate) struct Export {
     sources: Vec<Box<dyn Source>>,
     merge: Merge,
@@ -40,7 +40,7 @@ pub(crate) struct Export {
     pub(crate) state: Arc<ExportState>,
 }
 
-/// State shared by the bus side and the network side.
+/// State shared by the bus side ([`Export`]) and the network side, which is a thread.
 #[derive(Debug)]
 pub(crate) struct ExportState {
     cache: Mutex<Cache>,

@@ -1,7 +1,7 @@
 //! Network format of records: a header followed by contiguous records, which are copied bit for
 //! bit.
 //!
-//! Both ends run the same program, so layouts are only compared, not translated. Frames from the
+//! Both hosts run the same program, so layouts are only compared, not translated. Frames from the
 //! network are validated before use.
 
 use foreign::ForeignText;
@@ -23,7 +23,8 @@ pub struct FrameHeader {
     pub run: u64,
     /// Tick rate, Hz.
     pub rate_hz: f64,
-    /// Exported topics in order, with the fingerprints of their layouts.
+    /// Names of the exported topics, in the order of their messages in a record, with the
+    /// fingerprints of their layouts.
     pub topics: Vec<(String, u64)>,
     /// Oldest tick that the exporter caches.
     pub oldest_tick: u64,

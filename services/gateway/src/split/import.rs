@@ -1,4 +1,4 @@
-//! Importing end: from the network to the bus, in tick order.
+//! Importing side: from the network to the bus, in tick order.
 
 use std::{
     ops::Range,
@@ -41,14 +41,14 @@ const REQUEST_INTERVAL: Duration = Duration::from_millis(100);
 const REPLY_TIMEOUT: Duration = Duration::from_secs(2);
 /// Maximum number of frames processed between two checks for missing ticks.
 const MAX_FRAMES_PER_POLL: usize = 256;
-/// Time without credit after which ticks are published anyway, so that a stalled slot does not
-/// block the other slots for longer.
+/// Time without credit after which ticks are published anyway, so that a stalled slot blocks the
+/// other slots no longer than this.
 const CREDIT_TIMEOUT: Duration = Duration::from_secs(5);
 
 /// Minimum interval between reports of lost ticks.
 const LOSS_REPORT_INTERVAL: Duration = Duration::from_secs(1);
 
-/// Side of an import that publishes the ticks on the local bus.
+/// Bus side of an import, which publishes the ticks on the local bus.
 pub(crate) struct Import {
     publishers: Vec<Option<Box<dyn TopicPublisher>>>,
     credit: Subscriber<Credit>,
@@ -72,7 +72,7 @@ pub(crate) struct Import {
     pub(crate) state: Arc<ImportState>,
 }
 
-/// State shared by the bus side and the network side.
+/// State shared by the bus side ([`Import`]) and the network side, which is a thread.
 #[derive(Debug)]
 pub(crate) struct ImportState {
     reassembly: Mutex<Reassembly>,

@@ -18,7 +18,7 @@
 //! | [`reassembly`] | received, missing and lost ticks |
 //! | [`losses`] | summaries of lost ticks |
 //! | `progress` | progress as checkpoints |
-//! | `export`, `import` | exporting and importing end, each between bus and network |
+//! | `export`, `import` | exporting and importing side, each between bus and network |
 
 pub mod cache;
 pub(crate) mod export;

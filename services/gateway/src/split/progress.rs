@@ -5,8 +5,8 @@ use launch::Service;
 use messages::Checkpoint;
 use runtime::{RuntimeError, ServiceContext, service_config::CONTROL_BUFFER};
 
-/// Publisher of the gateway's progress as checkpoints, from which neighbouring services and the
-/// gateway's next incarnation resume.
+/// Publisher of checkpoints with the gateway's progress. The next incarnation of the gateway
+/// resumes from the newest of these checkpoints.
 pub(super) struct ProgressCheckpoints {
     pub(super) checkpoints: Publisher<Checkpoint>,
     pub(super) due_tick: u64,

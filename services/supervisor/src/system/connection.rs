@@ -92,7 +92,8 @@ impl BusConnection {
         // Each attitude is recorded as soon as it is read, because after an outage an entire topic
         // buffer of attitudes may be waiting.
         self.attitude.drain(self.buffer, &mut |output: AttitudeOutput| {
-            // A reference is published before its tick's attitude, so the reference has arrived.
+            // A reference attitude is published before the estimated attitude of its tick, so the
+            // reference has arrived.
             if result.is_ok() && collector.awaits_reference(output.header.tick) {
                 result = collect_references(collector);
             }

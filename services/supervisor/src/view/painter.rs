@@ -51,7 +51,7 @@ pub(super) struct Painter {
 
 impl Painter {
     /// Starts the thread, for frames of `lines` lines and a progress bar up to `ticks`. If `quiet`
-    /// is `true`, only lines are written, also on a terminal.
+    /// is `true`, only lines are written, even on a terminal.
     pub(super) fn new(lines: usize, ticks: Option<u64>, quiet: bool) -> Result<Self, UpError> {
         let is_terminal = std::io::stderr().is_terminal() && !quiet;
         let screen = is_terminal.then(|| Screen::new(lines, ticks));

@@ -9,7 +9,7 @@ use std::{
 
 use rustix::process::geteuid;
 
-/// Maximum number of bytes read, many times the size of a state.
+/// Maximum number of bytes read, many times the size of a state file.
 const MAX_FILE_BYTES: u64 = 16 << 10;
 /// Write permissions of group and others.
 const GROUP_OTHER_WRITE: u32 = 0o022;

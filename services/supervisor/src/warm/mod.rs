@@ -39,7 +39,7 @@ const CHECK_INTERVAL: Duration = Duration::from_millis(500);
 /// Minimum interval between two writes: a compromise between loss at a power cut and wear of a
 /// memory card.
 ///
-/// A state whose standard deviation has halved is written earlier.
+/// A state is written earlier if its standard deviation has halved.
 const WRITE_INTERVAL: Duration = Duration::from_secs(10);
 
 /// Warm-start state of a run.
@@ -136,8 +136,8 @@ impl WarmStart {
     }
 }
 
-/// Adds the previously known scale if the fuser has not estimated one, and stores the result as the
-/// newest state.
+/// Adds the previously known gyro scale if the fuser has not estimated one, and stores the result
+/// as the newest state.
 fn with_previous_scale(found: Prior, latest: &mut Option<(Prior, Instant)>) -> Prior {
     let previous = latest.map(|(prior, found_at)| prior.aged(found_at.elapsed().as_secs_f64(), false));
     let prior = found.or_scale_from(previous);
