@@ -48,7 +48,7 @@ const CANDIDATE_HEALTH_INTERVAL_NS: u64 = 10_000_000;
 pub struct ServiceContext {
     /// Service that this process runs.
     pub service: Service,
-    /// Start-up configuration.
+    /// Configuration that the service received when it started.
     pub config: ServiceConfig,
     /// Bus that the service has joined.
     pub bus: Bus,

@@ -40,7 +40,7 @@ pub trait SlotProcessor {
     /// Returns the cause if the stage has failed permanently, else `None`.
     fn failure(&self) -> Option<String>;
 
-    /// Returns the stage.
+    /// Returns the stage that runs in the slot.
     fn stage(&self) -> &Self::Stage;
 
     /// Returns a mutable reference to the stage, for restoring its state.
@@ -70,7 +70,7 @@ pub trait TickProcessor {
     /// Slot that runs the stage.
     const SLOT: Slot;
 
-    /// Message of the input.
+    /// Message that the slot receives.
     type Input: Ticked;
     /// Message that the slot publishes.
     type Output: Ticked + Comparable;

@@ -16,7 +16,7 @@ use crate::{
     slot::SlotProcessor,
 };
 
-/// Service of a slot.
+/// Service of a slot: its message processing, output gate and checkpoints.
 #[derive(Debug)]
 pub struct SlotService<S: SlotProcessor> {
     incarnation: u32,

@@ -11,7 +11,7 @@
 
 use attitude::{Quaternion, Vector3, state::Attitude};
 
-/// Parameters of the cone.
+/// Parameters of the coning motion.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Coning {
     /// Half angle α of the cone, rad.

@@ -287,7 +287,7 @@ fn parse_number(key: &str, value: &str, min: f64, max: f64) -> Result<f64, Scena
 pub enum ScenarioError {
     /// The scenario does not exist.
     UnknownName {
-        /// Name found.
+        /// Unknown name.
         found: String,
     },
     /// The query has the same key twice.
@@ -297,7 +297,7 @@ pub enum ScenarioError {
     },
     /// The key does not exist.
     UnknownKey {
-        /// Key found.
+        /// Unknown key.
         found: String,
     },
     /// The value is malformed or out of range.

@@ -7,7 +7,7 @@ use attitude::{Vector3, state::Attitude};
 pub struct Truth {
     /// True attitude.
     pub attitude: Attitude,
-    /// Body rate, rad/s.
+    /// Body rate, rad/s, body axes.
     pub rate_rad_s: Vector3<f64>,
     /// Specific force, m/s², body axes. In all motions except the flights, the body rotates in
     /// place, so the force is due to gravity alone.

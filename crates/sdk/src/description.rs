@@ -35,7 +35,7 @@ pub struct ParameterDescription {
     pub min: f64,
     /// Maximum allowed value.
     pub max: f64,
-    /// Meaning in one sentence.
+    /// Meaning of the parameter in one sentence.
     pub description: String,
 }
 

@@ -67,7 +67,7 @@ impl RequestKind {
     ];
 }
 
-/// Error in a frame.
+/// Error in a frame or its payload.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
 pub enum FrameError {
     /// The frame is shorter than a header.

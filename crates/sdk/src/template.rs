@@ -125,7 +125,7 @@ pub enum Language {
 /// Stage to be generated from a template.
 #[derive(Debug, Clone)]
 pub struct Template {
-    /// Programming language.
+    /// Programming language of the stage.
     pub language: Language,
     /// Slot that the stage fills.
     pub slot: Slot,

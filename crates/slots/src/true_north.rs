@@ -35,7 +35,7 @@ pub(crate) struct TrueNorth {
     was_magnetic: bool,
 }
 
-/// Magnetic declination.
+/// Magnetic declination and its uncertainty.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub(crate) struct Declination {
     /// Direction of magnetic north relative to true north, rad, east positive.

@@ -11,7 +11,7 @@ use swap::{Resume, Role};
 /// Configuration of the [`Supervision`](crate::Supervision) of one system.
 #[derive(Debug, Clone)]
 pub struct Config {
-    /// Launch file.
+    /// Launch file of the system.
     pub launch: Launch,
     /// Sample rate in the source's time, Hz.
     pub rate_hz: f64,
@@ -76,7 +76,7 @@ pub enum Event {
     Request {
         /// Client that expects the reply.
         client: u64,
-        /// Request.
+        /// Request from the client.
         request: ControlRequest,
     },
     /// A client has disconnected before it received its reply.
@@ -88,7 +88,7 @@ pub enum Event {
     StopRequested,
     /// Files of the running system's bus were removed or damaged, so new processes cannot join.
     FilesUnusable {
-        /// One of the files.
+        /// One of the removed or damaged files.
         path: PathBuf,
         /// Fault of the file.
         fault: FileFault,
@@ -163,14 +163,14 @@ pub enum Action {
     Reply {
         /// Client that sent the request.
         client: u64,
-        /// Reply.
+        /// Reply to the request.
         reply: Reply,
     },
     /// Publish an event on the topic `event`. The caller adds its number and time.
     PublishEvent(Box<SystemEvent>),
     /// Show a line to the user.
     Announce(String),
-    /// Every service runs.
+    /// Report to the service manager that every service runs.
     Ready,
     /// Shutdown has started: the source publishes no new ticks.
     Stopping,
@@ -250,7 +250,7 @@ pub enum Failure {
         path = foreign::path(path)
     )]
     FilesUnusableRepeatedly {
-        /// One of the files.
+        /// One of the removed or damaged files.
         path: PathBuf,
         /// Fault of the file.
         fault: FileFault,

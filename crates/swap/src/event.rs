@@ -42,7 +42,7 @@ pub struct SwapLimits {
 pub struct Request {
     /// Number of the request, which is repeated in its report.
     pub id: u64,
-    /// Requested stage.
+    /// Name of the requested stage.
     pub stage: String,
     /// `true` if the candidate only computes in parallel with the active stage until it is promoted
     /// or cancelled.
@@ -184,16 +184,16 @@ pub enum Action {
     Report(Report),
 }
 
-/// Result of a request.
+/// Result of a swap request.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Report {
     /// Number of the request.
     pub id: u64,
-    /// Requested stage.
+    /// Name of the requested stage.
     pub stage: String,
     /// Outcome of the request.
     pub outcome: SwapOutcome,
-    /// Cause of a failure.
+    /// Reason why the swap failed; `None` if it was committed.
     pub reason: Option<FailureReason>,
     /// First tick of the new stage, if it took over.
     pub commit_tick: Option<u64>,

@@ -8,13 +8,13 @@ pub enum DecodeError {
     /// The message exceeds the maximum size.
     #[error("cannot decode message: {bytes} bytes, at most {MAX_MESSAGE_BYTES} allowed; check that the peer is plumb")]
     TooLarge {
-        /// Size found.
+        /// Size of the message, bytes.
         bytes: usize,
     },
     /// The bytes are not protobuf, or not a message of the expected type.
     #[error("cannot decode {message}: {cause}; run the same version of plumb at both ends")]
     Malformed {
-        /// Expected type.
+        /// Expected message type.
         message: &'static str,
         /// Error reported by the protobuf decoder.
         cause: String,
@@ -22,7 +22,7 @@ pub enum DecodeError {
     /// A repeated or variable-length field exceeds its limit.
     #[error("cannot decode {message}: more than {max} {what}")]
     TooMany {
-        /// Expected type.
+        /// Expected message type.
         message: &'static str,
         /// Unit of the limit, such as `samples` or `bytes`.
         what: &'static str,

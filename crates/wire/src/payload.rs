@@ -16,7 +16,7 @@ use crate::{DecodeError, error, field::Field, v1};
 pub trait Payload: Message {
     /// Name of the protobuf message in the package `plumbline.v1`.
     const NAME: &'static str;
-    /// Protobuf message.
+    /// Corresponding protobuf message.
     type Proto: prost::Message + Default;
 
     /// Converts the message to protobuf.

@@ -254,7 +254,7 @@ impl Hub {
         Some(snapshot.message.clone())
     }
 
-    /// Returns the newest values.
+    /// Returns the newest values for `/metrics`.
     pub(crate) fn latest(&self) -> LatestState {
         self.backlog().latest.clone()
     }

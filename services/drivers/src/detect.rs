@@ -56,7 +56,7 @@ const RATE_TOLERANCE: f64 = 0.05;
 pub struct PortFinding {
     /// Path of the device file, in `/dev/serial/by-id` if the device is listed there.
     pub path: PathBuf,
-    /// Finding.
+    /// Result of listening to the port.
     pub finding: Finding,
 }
 
@@ -77,7 +77,7 @@ pub enum Finding {
         /// Number of bytes at the first baud rate.
         bytes: usize,
     },
-    /// No bytes.
+    /// The port sent no bytes.
     Silent,
     /// The port cannot be read.
     Failed {

@@ -1,4 +1,4 @@
-//! Open ports.
+//! Open ports: standard input, datagrams, TCP connections and serial ports.
 
 use std::{
     fs::File,
@@ -32,7 +32,7 @@ pub(crate) enum StdinDescriptor {
     Passed,
 }
 
-/// Open port.
+/// Port that is open for reading.
 pub(crate) enum OpenPort {
     /// Standard input of `plumb up`.
     Stdin(StdinDescriptor),

@@ -57,11 +57,12 @@ struct Failure {
 /// End of the last run of a system that is not running.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize)]
 pub struct LastRun {
-    /// Start, s since 1970.
+    /// Start of the run, s since 1970.
     pub started_unix_s: u64,
-    /// End, s since 1970. For a run that was killed, the last time at which it was alive.
+    /// End of the run, s since 1970. For a run that was killed, the last time at which the run was
+    /// known to be alive.
     pub ended_unix_s: u64,
-    /// Reason for the end.
+    /// Reason why the run ended.
     pub reason: EndReason,
 }
 

@@ -14,7 +14,7 @@ use crate::error::UpError;
 /// Recorded readings in order. An error ends the iteration; its text is shown to the user.
 pub type TakenReadings = Box<dyn Iterator<Item = Result<TakenReading, String>>>;
 
-/// Recorded flight.
+/// Recorded flight, prepared for a replay.
 pub struct Flight {
     /// Launch configuration of the flight, including the sensor source that it used.
     pub launch: Launch,

@@ -60,22 +60,22 @@ pub struct Report {
 /// Latency quantiles, µs.
 #[derive(Debug, Clone, Copy, Default, Serialize)]
 pub struct LatencyUs {
-    /// Median.
+    /// Median, µs.
     pub p50: f64,
-    /// 99th percentile.
+    /// 99th percentile, µs.
     pub p99: f64,
-    /// 99.9th percentile.
+    /// 99.9th percentile, µs.
     pub p999: f64,
-    /// Maximum.
+    /// Maximum, µs.
     pub max: f64,
 }
 
-/// Inclination error, degrees.
+/// Error of the inclination against the reference attitude, degrees.
 #[derive(Debug, Clone, Copy, Serialize)]
 pub struct ErrorDeg {
-    /// Root mean square.
+    /// Root mean square error, degrees.
     pub inclination_rmse: f64,
-    /// Maximum.
+    /// Maximum error, degrees.
     pub inclination_max: f64,
 }
 

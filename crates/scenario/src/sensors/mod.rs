@@ -42,10 +42,10 @@ struct Signs {
 /// One reading of all sensors.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Reading {
-    /// Body rate, rad/s: the instantaneous rate or, for an integrating gyro, the mean since the
-    /// previous reading.
+    /// Body rate, rad/s, body axes: the instantaneous rate or, for an integrating gyro, the mean
+    /// since the previous reading.
     pub rate_rad_s: Vector3<f64>,
-    /// Instantaneous specific force, m/s².
+    /// Instantaneous specific force, m/s², body axes.
     pub force_m_s2: Vector3<f64>,
     /// Instantaneous magnetic field, µT, body axes; `None` if there is no magnetometer.
     pub field_ut: Option<Vector3<f64>>,

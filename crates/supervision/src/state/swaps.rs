@@ -6,7 +6,7 @@ use swap::{Coordinator, SwapState};
 
 use super::stage_history::{StageHistory, StageInstance};
 
-/// Slots of a system.
+/// Slots of a system, with their coordinators and swap requests.
 #[derive(Debug, Default)]
 pub(crate) struct Swaps {
     pub(crate) slots: Vec<SlotState>,

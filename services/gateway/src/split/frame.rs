@@ -37,7 +37,7 @@ pub struct FrameHeader {
 /// Header and contiguous records.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Frame {
-    /// Header.
+    /// Header of the frame.
     pub header: FrameHeader,
     /// Records from [`FrameHeader::first_tick`] on.
     pub records: Vec<Record>,

@@ -8,7 +8,7 @@ use messages::{Flags, Header, Ticked};
 /// Topic that can be carried to another host.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct CarriedTopic {
-    /// Topic.
+    /// Topic of the bus.
     pub topic: graph::Topic,
     /// Name of the topic.
     pub name: &'static str,
