@@ -24,7 +24,7 @@ pub trait SlotProcessor {
     /// Stage that runs in the slot.
     type Stage: Stage<Common: StateWords> + Clone;
 
-    /// Processes a message and passes each output that is now complete to `publish`.
+    /// Processes a message. Calls `publish` with each output that is now complete.
     ///
     /// There are no further outputs once the stage has failed.
     fn offer(&mut self, input: Self::Input, publish: &mut dyn FnMut(Self::Output));
@@ -79,8 +79,8 @@ pub trait TickProcessor {
 
     /// Processes one tick. Returns `None` once the stage has failed.
     ///
-    /// `header` is the header for the output. It is the input's header, with a flag if ticks before
-    /// it are missing.
+    /// `header` is the header for the output: that of the input, with the flag `LOST_BEFORE` set if
+    /// ticks before it are missing.
     fn process(&mut self, input: &Self::Input, header: Header) -> Option<Self::Output>;
 
     /// Returns the stage with its reset logic.

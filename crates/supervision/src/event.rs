@@ -31,7 +31,7 @@ pub struct Config {
 #[derive(Debug, Clone)]
 pub enum Event {
     /// Time has passed. This event must be sent after the other events of a round, and no later
-    /// than [`poll_interval`](crate::Supervision::poll_interval) after the previous one.
+    /// than [`poll_interval`](crate::Supervision::poll_interval) after the previous timer event.
     Timer,
     /// A process was started, in response to [`Action::Spawn`].
     Spawned {

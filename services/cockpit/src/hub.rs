@@ -229,8 +229,8 @@ impl Hub {
     ///
     /// A viewer receives only the newest status and the newest calibration. A viewer that is more
     /// than [`MAX_LATE_SNAPSHOTS`] snapshots late after [`CATCH_UP_TIME`] receives a summary
-    /// instead of the missed snapshots. The summary has all their events and flags, which are never
-    /// decimated.
+    /// instead of the missed snapshots. The summary has all events and flags of the missed
+    /// snapshots, because events and flags are never decimated.
     pub(crate) fn next_message(&self, cursor: &mut Cursor) -> Option<Bytes> {
         let backlog = self.backlog();
         if cursor.status != Some(backlog.status_number) {

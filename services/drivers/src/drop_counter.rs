@@ -19,7 +19,7 @@ const TABLES: [&str; 2] = ["/proc/net/udp", "/proc/net/udp6"];
 const UPDATE_INTERVAL: Duration = Duration::from_secs(1);
 /// Maximum number of sockets that are searched per table.
 const MAX_SOCKETS: usize = 1 << 16;
-/// Indices of the columns in a line of a table.
+/// Indices of the columns with the inode and with the drops in a line of a table.
 const INODE_COLUMN: usize = 9;
 const DROPS_COLUMN: usize = 12;
 
@@ -58,7 +58,8 @@ impl DropCounter {
     }
 }
 
-/// Returns the number of drops in the line of a socket, or `None` if the table does not list it.
+/// Returns the number of drops of the socket with the given inode, or `None` if the table does not
+/// list the socket.
 fn drops_in(table: impl BufRead, inode: u64) -> Option<u32> {
     table.lines().take(MAX_SOCKETS).map_while(Result::ok).find_map(|line| {
         let mut columns = line.split_ascii_whitespace();

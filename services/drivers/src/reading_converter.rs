@@ -94,7 +94,7 @@ impl ReadingConverter {
     }
 
     /// Converts a measurement that arrived at `arrival_ns` on CLOCK_MONOTONIC. Returns `None` for a
-    /// magnetic field, which is part of the next reading.
+    /// magnetic field, which becomes part of the next reading.
     pub(crate) fn convert(&mut self, measurement: &Measurement, arrival_ns: i64) -> Option<DeviceReading> {
         match measurement.value {
             Value::Imu { rate_rad_s, force_m_s2, field_ut } => {

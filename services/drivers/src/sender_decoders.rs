@@ -18,7 +18,7 @@ use crate::{error::DriversError, stream_preamble};
 /// Maximum number of senders that are decoded while none is chosen. A further one replaces the
 /// sender that has been silent for longest.
 const MAX_SENDERS: usize = 8;
-/// Newline appended to the text of a datagram. The last line may lack it.
+/// Newline that is appended to the text of a datagram, because its last line may lack one.
 const LINE_END: &[u8] = b"\n";
 
 /// Decoders of the senders that may be chosen.
@@ -62,7 +62,8 @@ impl SenderDecoders {
     /// Decodes a datagram of an admitted sender and appends its measurements if the sender is
     /// chosen.
     ///
-    /// Returns the text of the sender so far if it has just been chosen in place of another.
+    /// If the sender has just been chosen in place of another one, returns the text received from
+    /// it so far.
     pub(crate) fn push(
         &mut self,
         sender: SocketAddr,

@@ -195,8 +195,9 @@ fn record(stores: &mut [VecDeque<Checkpoint>], checkpoint: Checkpoint) -> bool {
     is_valid
 }
 
-/// Appends a checkpoint and removes all checkpoints that are not older than the new one. A new
-/// process that is behind its predecessor replaces the predecessor's checkpoints in this way.
+/// Appends a checkpoint and removes all checkpoints that are not older than the new one. The
+/// checkpoints of a new process that is behind its predecessor thereby replace those of the
+/// predecessor.
 fn push(checkpoints: &mut VecDeque<Checkpoint>, checkpoint: Checkpoint) {
     while checkpoints.back().is_some_and(|newest| newest.next_tick >= checkpoint.next_tick)
         || checkpoints.len() >= MAX_CHECKPOINTS

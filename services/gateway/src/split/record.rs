@@ -18,7 +18,7 @@ pub struct CarriedTopic {
     pub fingerprint: u64,
     /// `true` if every tick has a message.
     pub is_dense: bool,
-    /// Flag that marks the ticks with a message; empty for a dense topic.
+    /// Header flag that marks the ticks for which the topic has a message; empty for a dense topic.
     pub flag: Flags,
 }
 
