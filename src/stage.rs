@@ -144,8 +144,8 @@ fn new(name: String, lang: Lang, slot: Slot, dir: Option<PathBuf>, source: Optio
     }
 }
 
-/// Returns the location of Plumbline's crates as a URL or absolute path, so that a crate in another
-/// folder can depend on them.
+/// Returns the location of Plumbline's crates as a URL or absolute path. A crate in any folder can
+/// then depend on them.
 fn crates_source(source: &str) -> Result<String, String> {
     if source.contains("://") {
         return Ok(source.into());

@@ -216,8 +216,8 @@ fn low_coverage_is_rejected_with_missing_poses() {
     assert_eq!(calibrate(&["gyro", &five, "--live"]).status.code(), Some(2));
 }
 
-/// Returns a recording of two minutes at 50 Hz from a unit at rest with white noise of the gyro,
-/// 0.05 °/√s, and of the accelerometer, 0.002 m/s/√s. The unit is moved from 60 to 62 s.
+/// Returns a recording of two minutes at 50 Hz from a unit at rest. The white noise is 0.05 °/√s
+/// for the gyro and 0.002 m/s/√s for the accelerometer. The unit is moved from 60 to 62 s.
 fn noisy_rest() -> String {
     let mut text = String::from(HEADER);
     // Numbers of a linear congruential generator, uniform from −√3 to √3.

@@ -119,8 +119,8 @@ impl ServiceContext {
         })
     }
 
-    /// Opens a subscriber to a slot's topic that delivers each tick once and in order, across all
-    /// owners.
+    /// Opens a subscriber to a slot's topic. It delivers each tick once and in order, even if the
+    /// owner of the slot changes.
     pub fn ordered_subscriber<M: Ticked>(&self) -> Result<OrderedSubscriber<M>, RuntimeError> {
         let checkpoint = self.config.resume.as_ref().and_then(Resume::checkpoint);
         let next_tick = checkpoint.map_or(0, |checkpoint| checkpoint.next_tick);

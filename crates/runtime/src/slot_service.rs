@@ -23,12 +23,12 @@ pub struct SlotService<S: SlotProcessor> {
     checkpoint_ticks: u64,
     slot: S,
     gate: OutputGate<S::Output>,
-    /// Set after a swap, until an output at or after this tick has been published. Every output up
-    /// to and including that one carries the flag `SWAPPED`.
+    /// Set after a swap. While set, every published output carries the flag `SWAPPED`. Cleared
+    /// after the first output at or after this tick.
     swapped_at: Option<u64>,
-    /// Set if inputs before this tick are missing after a restart, until an output at or after this
-    /// tick has been published. Every output up to and including that one carries the flag
-    /// `LOST_BEFORE`, because subscribers discard the outputs before this tick as repeated.
+    /// Set if inputs before this tick are missing after a restart. While set, every published
+    /// output carries the flag `LOST_BEFORE`. Cleared after the first output at or after this tick,
+    /// because subscribers discard earlier outputs as repeated.
     missed_at: Option<u64>,
     /// Next tick of the restored checkpoint. `None` after the first output.
     resumed_tick: Option<u64>,

@@ -13,7 +13,7 @@ use rustix::{io::ioctl_fionbio, pipe::fcntl_setpipe_size};
 
 /// Size of the tail, bytes.
 pub const TAIL_BYTES: usize = 8192;
-/// Maximum number of bytes read per poll, and the size of the pipe if the system permits it.
+/// Maximum number of bytes read per poll. It is also the size of the pipe if the system permits it.
 pub const MAX_POLL_BYTES: usize = 1 << 20;
 
 /// Tail of a child's standard error.

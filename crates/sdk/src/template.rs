@@ -8,7 +8,8 @@ use std::{
 use attitude::{accel::Accelerometer, course::Course, fuser::Fuser, gyro::Gyro};
 use graph::Slot;
 
-/// Name and text of each file in the Python package that is placed next to a Python stage.
+/// Name and text of each file of the Python package `plumbline`. The package is placed next to a
+/// Python stage.
 const PYTHON_PACKAGE: [(&str, &str); 7] = [
     ("__init__.py", include_str!("../python/plumbline/__init__.py")),
     ("attitude.py", include_str!("../python/plumbline/attitude.py")),

@@ -114,8 +114,8 @@ mod tests {
         service
     }
 
-    /// Returns each published tick with its `SWAPPED` flag, which marks the first output of a new
-    /// stage.
+    /// Returns each published tick with its `SWAPPED` flag. The flag marks the first output of a
+    /// new stage.
     fn output_swapped_flags(
         service: &mut SlotService<SingleInputSlot<GyroProcessor>>,
         ticks: std::ops::Range<u64>,

@@ -297,8 +297,7 @@ impl Coordinator {
         }
     }
 
-    /// Returns the number of ticks by which the candidate lags behind the active stage, or `None`
-    /// while it is unknown.
+    /// Returns the number of ticks by which the candidate lags behind the active stage, if known.
     fn lag_ticks(&self) -> Option<u64> {
         let candidate = self.swap.as_ref()?.status?;
         Some(self.status?.next_tick.saturating_sub(candidate.next_tick))

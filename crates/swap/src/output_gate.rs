@@ -47,8 +47,8 @@ pub struct OutputGate<O> {
 }
 
 impl<O: Stamped + Clone> OutputGate<O> {
-    /// Creates the gate of a service that owns the slot from `from_tick` on, under the decision
-    /// with the number `epoch`. The gate keeps the last `capacity` outputs.
+    /// Creates the gate of a service that owns the slot from `from_tick` on. `epoch` is the number
+    /// of the decision that made the service the owner. The gate keeps the last `capacity` outputs.
     pub fn owner(incarnation: u32, epoch: u32, from_tick: u64, capacity: usize) -> Self {
         let mut gate = Self::candidate(incarnation, epoch, capacity);
         gate.spans.push(OwnershipSpan { from_tick, epoch, is_own: true });

@@ -23,8 +23,8 @@ pub struct Sequence {
 }
 
 impl Sequence {
-    /// Admits a tick and returns the number of ticks missing before it, or `None` if the tick was
-    /// already delivered or skipped.
+    /// Admits a tick and returns the number of ticks missing before it. Returns `None` if the tick
+    /// was already delivered or skipped.
     pub fn admit(&mut self, header: &Header) -> Option<u64> {
         if header.tick < self.next_tick {
             self.reject(header.incarnation == self.publisher);
@@ -52,7 +52,8 @@ impl Sequence {
         missing
     }
 
-    /// Returns the header of the tick just admitted, with the counter and flag for lost ticks set.
+    /// Returns the header of the tick just admitted, with the number of lost ticks. If ticks are
+    /// missing before it, the header has the flag `LOST_BEFORE`.
     pub fn mark_header(&self, header: Header, missing: u64) -> Header {
         let flags = header.flags | Flags::LOST_BEFORE.when(missing > 0);
         Header { lost_upstream: self.lost, flags, ..header }

@@ -99,8 +99,7 @@ pub fn capacity(message_bytes: usize) -> usize {
 }
 
 impl Envelope {
-    /// Encodes the envelope as the first part of a message, to which further fields can be
-    /// appended.
+    /// Encodes the envelope as the first part of a message. Further fields can be appended.
     pub fn bytes(&self) -> Vec<u8> {
         self.encode_to_vec()
     }

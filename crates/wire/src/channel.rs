@@ -144,8 +144,8 @@ impl Encoder {
         }
     }
 
-    /// Returns the publication time of a message on CLOCK_MONOTONIC, ns, or `received_ns` if the
-    /// message has no publication time.
+    /// Returns the publication time of a message on CLOCK_MONOTONIC, ns. Returns `received_ns` if
+    /// the message has no publication time.
     pub fn sent_ns(&self, bytes: &[u8], received_ns: u64) -> u64 {
         let sent_ns = self.offsets.t_sent_ns.and_then(|offset| read_u64(bytes, offset));
         sent_ns.filter(|sent_ns| *sent_ns > 0).unwrap_or(received_ns)

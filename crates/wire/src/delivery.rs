@@ -26,7 +26,7 @@ pub struct DeliveryTracker {
     pub repeated: u64,
     /// Number of restarts of the gateway.
     pub restarts: u64,
-    /// Number of samples omitted on board to limit the rate, since the last start of the gateway.
+    /// Number of samples omitted on board since the last start of the gateway, to limit the rate.
     pub decimated: u64,
     /// Number of samples dropped on board since the last start of the gateway, because the bus or
     /// the gateway's queue overflowed.

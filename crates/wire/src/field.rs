@@ -92,8 +92,8 @@ impl Field<u64> for Flags {
     }
 }
 
-/// Converts an on-board index, which starts at 0, to an enum value, which starts at 1 because the
-/// schema reserves 0 for "unspecified".
+/// Converts an on-board index to an enum value of the schema. Indices start at 0, but enum values
+/// start at 1, because the schema reserves 0 for "unspecified".
 fn enum_to_proto(index: u64, last: i32) -> i32 {
     i32::try_from(index).ok().and_then(|index| index.checked_add(1)).filter(|value| *value <= last).unwrap_or(0)
 }

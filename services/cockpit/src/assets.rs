@@ -90,9 +90,9 @@ impl Asset {
     }
 }
 
-/// Returns a script or a style sheet without its `/* */` comments and its lines of `//` comments,
-/// and other files as they are. The page's files have no other comments and contain `/*` and `*/`
-/// only in comments. Line breaks are kept, so that error messages have the line numbers of the
+/// Returns a script or a style sheet without its `/* */` comments and its lines of `//` comments.
+/// Other files are returned unchanged. The page's files have no other comments and contain `/*` and
+/// `*/` only in comments. Line breaks are kept, so that error messages have the line numbers of the
 /// source.
 fn without_comments(name: &str, text: &str) -> String {
     if !name.ends_with(".js") && !name.ends_with(".css") {

@@ -25,8 +25,8 @@ use crate::{
 /// Interval between attempts to attach to a system or to topics that do not exist yet.
 const RETRY_INTERVAL: Duration = Duration::from_millis(300);
 
-/// Returns the topics to observe, in reverse order of the data path, so that the output of each
-/// slot comes before its inputs.
+/// Returns the topics to observe, in reverse order of the data path. The output of each slot
+/// therefore comes before its inputs.
 pub fn observed_topics() -> impl Iterator<Item = Topic> {
     Topic::ALL.iter().copied().rev().filter(|topic| is_observed(*topic))
 }

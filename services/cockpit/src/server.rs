@@ -129,8 +129,8 @@ impl ServerState {
         self.site.tokens.as_ref()?.role(token)
     }
 
-    /// Returns the response for a request that lacks a required token, or `None` if it is
-    /// authorised.
+    /// Returns the response to a request that lacks a required token. Returns `None` if the request
+    /// is authorised.
     fn authorization_error(&self, headers: &HeaderMap) -> Option<Response> {
         if !self.uses_tls || self.role(headers).is_some() {
             return None;
@@ -416,8 +416,8 @@ async fn recording_snapshots(State(state): State<Arc<ServerState>>, request: Req
     (kind, Body::from(recording.encode_snapshots(from, count))).into_response()
 }
 
-/// Opens a listening socket with a small send buffer, so that a slow client loses messages instead
-/// of falling behind.
+/// Opens a listening socket with a small send buffer. A slow client therefore loses messages
+/// instead of falling behind.
 fn listen(address: SocketAddr) -> io::Result<TcpListener> {
     use rustix::net::{AddressFamily, SocketFlags, SocketType, bind, listen, socket_with, sockopt};
     let family = if address.is_ipv4() { AddressFamily::INET } else { AddressFamily::INET6 };

@@ -25,8 +25,8 @@ pub enum SourceState {
 
 /// Source of the messages of a system.
 pub trait Source {
-    /// Calls `on_message` for each message since the previous poll, in its bus layout, and returns
-    /// the state of the source.
+    /// Passes each message since the previous poll to `on_message`, in its bus layout. Returns the
+    /// state of the source.
     ///
     /// For each slot of the data path, the messages of its output come before those of its inputs.
     fn poll(&mut self, on_message: &mut dyn FnMut(Topic, &[u8])) -> SourceState;

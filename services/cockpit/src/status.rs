@@ -62,7 +62,7 @@ struct Measurements {
 pub(crate) struct StatusMonitor {
     report: Arc<Mutex<SupervisorReport>>,
     poller: Thread,
-    /// Number of the newest query that was started before the last event, so that its result may be
+    /// Number of the newest query that was started before the last event. Its result may be
     /// outdated. `None` once the status contains the result of a later query.
     outdated_query: Option<u64>,
     takes_commands: bool,

@@ -40,8 +40,8 @@ const CLOCK: &str = "clock";
 const WINDOW_S: usize = 10;
 /// Time without bytes after which an open device counts as silent, s.
 const SILENCE_S: usize = 3;
-/// Minimum number of received bytes without a valid message at which a wrong format or baud rate is
-/// reported. The number is many times the length of a typical message.
+/// Minimum number of bytes without a valid message for reporting a wrong format or baud rate. The
+/// number is many times the length of a typical message.
 const FORMAT_BYTES: u64 = 1024;
 /// Minimum number of received messages without a measurement at which a problem is reported.
 const MIN_MESSAGES: u64 = 100;
@@ -49,8 +49,8 @@ const MIN_MESSAGES: u64 = 100;
 const MAX_REJECTED_SHARE: f64 = 0.01;
 /// Maximum share of bytes that belong to no message. An intact connection stays below it.
 const MAX_SKIPPED_SHARE: f64 = 0.05;
-/// Ratio of the measured to the declared rate, or its inverse, above which the declared rate is
-/// wrong. The clock fit allows the same deviation.
+/// Maximum ratio between the measured and the declared rate, in either direction. Above it, the
+/// declared rate counts as wrong. The clock fit allows the same deviation.
 const MAX_RATE_RATIO: f64 = 1.5;
 /// Minimum number of clock steps within the window at which a problem is reported. A device that
 /// merely restarts causes fewer steps.

@@ -19,7 +19,7 @@ const TABLES: [&str; 2] = ["/proc/net/udp", "/proc/net/udp6"];
 const UPDATE_INTERVAL: Duration = Duration::from_secs(1);
 /// Maximum number of sockets that are searched per table.
 const MAX_SOCKETS: usize = 1 << 16;
-/// Indices of the columns with the inode and with the drops in a line of a table.
+/// Indices of the columns of a table that contain the inode and the drops of a socket.
 const INODE_COLUMN: usize = 9;
 const DROPS_COLUMN: usize = 12;
 

@@ -58,8 +58,8 @@ impl IdempotentSwaps {
         Self { client, state: Mutex::default(), replied: Condvar::new() }
     }
 
-    /// Returns the number of requests forwarded to the supervisor, and the number of requests
-    /// answered without involving the supervisor.
+    /// Returns two numbers of requests: those forwarded to the supervisor, and those answered
+    /// without it.
     pub fn counts(&self) -> [u64; 2] {
         let state = locked(&self.state);
         [state.forwarded, state.answered_locally]

@@ -67,7 +67,7 @@ fn tap(context: &ServiceContext, topic: Topic, rate: TopicRate) -> Result<Box<dy
     )
 }
 
-/// Creates a tap that yields each tick of a dense topic once and in order, even if the owner of the
+/// Creates a tap of a dense topic. It yields each tick once and in order, even if the owner of the
 /// slot changes.
 ///
 /// Each message is converted with `convert`. A missing tick counts as overwritten on the bus,

@@ -29,7 +29,7 @@ pub enum UpError {
     /// The recorded flight cannot be replayed.
     #[error("{0}")]
     Flight(String),
-    /// The launch file in a flight runs a program as a stage, which the user has not permitted.
+    /// The launch file in a flight runs a program as a stage. The user has not permitted this.
     #[error(
         "the flight's own launch file runs the program `{command}` as stage {stage}, and can name any program; if you trust it, add --trust-programs, or name your own launch file: plumb up --launch LAUNCH --replay FLIGHT"
     )]

@@ -122,8 +122,8 @@ impl RunRecord {
 }
 
 impl LastRun {
-    /// Returns the end of the last run of a system that is not running, or `None` if it ended
-    /// normally or is unknown.
+    /// Returns the end of the last run of a system that is not running. Returns `None` if the run
+    /// ended normally or is unknown.
     pub fn read(system: &str) -> Option<Self> {
         let folders = state_folder().into_iter().chain([SERVICE_FOLDER.into()]);
         let records = folders.filter_map(|folder| Self::read_file(&folder.join(file_name(system)), &boot_id()));

@@ -54,7 +54,7 @@ impl Orphans {
         }
     }
 
-    /// Kills the orphans and their process groups, reaps those that have exited and returns the
+    /// Kills the orphans and their process groups, and reaps those that have exited. Returns the
     /// number of orphans found.
     fn kill(&mut self) -> usize {
         let children = children();

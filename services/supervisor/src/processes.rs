@@ -278,7 +278,8 @@ impl Process {
 }
 
 impl Kill {
-    /// Describes the state before the kill and, if the process was slow to end, how long it took.
+    /// Describes the state of the process before the kill. If the process was slow to end, adds how
+    /// long it took.
     fn describe(&self) -> String {
         let Self { at, kernel_state } = self;
         let duration = at.elapsed();

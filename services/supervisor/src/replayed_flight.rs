@@ -51,8 +51,8 @@ const RATE: &str = "rate_hz";
 const SOURCE: &str = "source";
 const DATE: &str = "date";
 
-/// Creates the start event of a run, which contains the sample rate, the source and, if used, the
-/// date for the magnetic model.
+/// Creates the start event of a run. It contains the sample rate, the source and, if used, the date
+/// for the magnetic model.
 pub(crate) fn start_event(rate_hz: f64, launch: &Launch) -> SystemEvent {
     let index = SOURCES.iter().position(|other| *other == launch.ingest.source).unwrap_or(0);
     let date = launch.north.date.filter(|_| launch.north.is_true).map(|date| (DATE, date.number().into()));
@@ -87,7 +87,8 @@ impl Flight {
         Ok(Self { launch, rate_hz, prior, schedule: Schedule::from_events(events), readings })
     }
 
-    /// Returns a program that the replay would start as a stage, with the name of the stage.
+    /// Returns a program that the replay would start as a stage, if any, with the name of the
+    /// stage.
     pub fn external_stage(&self) -> Option<(&str, &ExternalStage)> {
         let configured = Slot::ALL.into_iter().map(|slot| self.launch.stage(slot).stage.as_str());
         let mut names = configured.chain(self.schedule.stage_names());

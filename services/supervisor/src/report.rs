@@ -21,8 +21,8 @@ pub struct Report {
     pub lost: u64,
     /// Number of datagrams and readings that were lost before ingest numbered them.
     pub lost_readings: u64,
-    /// Number of ticks with an attitude that is missing from the figures of this report and from
-    /// the output file.
+    /// Number of attitudes that are missing from the figures of this report and from the output
+    /// file.
     ///
     /// The supervisor did not collect these attitudes before they were overwritten in the topic.
     pub not_recorded: u64,

@@ -85,8 +85,8 @@ fn attributes(own: libc::sched_attr, class: SchedulingClass) -> libc::sched_attr
     }
 }
 
-/// Returns `true` if the supervisor is permitted to set the priority of a process with an increased
-/// nice value back to the supervisor's own priority.
+/// Returns `true` if the supervisor is permitted to restore the priority of a process after
+/// lowering it. `own` are the attributes of the supervisor.
 fn can_restore(own: &libc::sched_attr) -> bool {
     let allowed = |resource| getrlimit(resource).current.unwrap_or(u64::MAX);
     capabilities(None).is_ok_and(|sets| sets.effective.contains(CapabilitySet::SYS_NICE))

@@ -12,10 +12,11 @@ pub struct SensorErrors {
     pub gyro_bias_rad_s: f64,
     /// Standard deviation of the accelerometer's white noise on each axis and sample, m/s².
     pub accel_noise_m_s2: f64,
-    /// If `true`, the sign of every constant error is random on each axis, determined by the seed.
+    /// If `true`, every constant error has a random sign on each axis. The seed determines the
+    /// signs.
     pub random_signs: bool,
-    /// If `true`, the force and the magnetic field of the first reading have no noise, so that a
-    /// filter initialised from them starts at the true attitude.
+    /// If `true`, the force and the magnetic field of the first reading have no noise. A filter
+    /// initialised from them then starts at the true attitude.
     pub exact_start: bool,
     /// Standard deviation of the gyro's white noise on each axis and sample, rad/s.
     pub gyro_noise_rad_s: f64,

@@ -21,8 +21,8 @@ const DRAIN_TIMEOUT: Duration = Duration::from_secs(2);
 /// It is longer than any service takes to start.
 const DRAIN_TIMEOUT_STARTING: Duration = Duration::from_secs(15);
 
-/// Time without output, in addition to `silence_s`, after which missing ticks count as lost
-/// although every service runs. The timeout applies only if the source waits for credit.
+/// Time without output after which missing ticks count as lost although every service runs. It is
+/// added to `silence_s`. The timeout applies only if the source waits for credit.
 const MISSING_TICK_TIMEOUT: Duration = Duration::from_secs(5);
 /// Interval between the extra windows of credit that the source receives while the output waits for
 /// a missing tick. The interval gives subscribers time to catch up.
@@ -184,8 +184,8 @@ impl Supervision {
         self.local_next_tick().unwrap_or(self.output.next_tick)
     }
 
-    /// Returns the first tick that some local slot has not published yet, or `None` if the attitude
-    /// is computed on this host.
+    /// Returns the first tick that some local slot has not published yet. Returns `None` if the
+    /// attitude is computed on this host.
     pub fn local_next_tick(&self) -> Option<u64> {
         let path = || self.path().map(|(service, _)| service).filter(|service| !service.is_auxiliary());
         let has_attitude = path().any(|service| service == Service::Course);
@@ -225,8 +225,8 @@ mod tests {
         }
     }
 
-    /// Returns the credit granted to a source in lockstep after each second, with the output stuck
-    /// at `next_tick`.
+    /// Returns the credit granted to a source in lockstep after each second. The output is stuck at
+    /// `next_tick`.
     ///
     /// The service `silent` reports no health after 100 ms.
     fn credits(window_ticks: u64, next_tick: u64, silent: Option<Service>) -> Vec<u64> {

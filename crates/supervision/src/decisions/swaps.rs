@@ -355,8 +355,8 @@ impl Supervision {
         self.pending.complete(slot, report, &last_stderr, now_ms);
     }
 
-    /// Queues a request again if attempts remain and its hand-over was reverted because the
-    /// decision came too late. Returns `true` if the request was queued.
+    /// Queues a request again if the decision came too late for its hand-over and attempts remain.
+    /// Returns `true` if the request was queued.
     fn retry_if_late(&mut self, slot: Slot, report: &swap::Report) -> bool {
         let is_late = matches!(
             report.reason,

@@ -128,8 +128,8 @@ impl CheckpointStore {
         Some(self.positions[service as usize].map_or(resumes_at, |position| position.min(resumes_at)))
     }
 
-    /// Returns the oldest tick that any downstream service would request if all of these services
-    /// restarted from their checkpoints.
+    /// Returns the oldest tick that the downstream services would request if all of them restarted
+    /// from their checkpoints.
     fn needed_tick(&self, service: Service) -> u64 {
         if service == Service::Course {
             return self.output_tick.unwrap_or(u64::MAX);

@@ -15,8 +15,8 @@ pub(crate) struct Flow {
     pub(crate) last_progress: Duration,
     /// Most recent time at which a service was starting.
     pub(crate) last_starting: Duration,
-    /// Time at which an extra window of credit was last granted although ticks were missing from
-    /// the output.
+    /// Time of the most recent extra window of credit. Extra windows are granted while ticks are
+    /// missing from the output.
     pub(crate) last_extra_window: Duration,
 }
 

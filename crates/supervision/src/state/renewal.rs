@@ -9,7 +9,7 @@ pub(crate) struct Renewals {
     /// Set once the fault of the bus files has been announced to the user.
     pub(crate) announced: bool,
     pub(crate) under_way: bool,
-    /// Set if a process that is not an owner has just exited before it could join the bus.
+    /// Set if a process other than an owner has just exited before it could join the bus.
     pub(crate) join_failed: bool,
 }
 
@@ -18,7 +18,7 @@ impl Renewals {
         self.under_way
     }
 
-    /// Records whether a process that is not an owner has just exited before it could join the bus.
+    /// Records whether a process other than an owner has just exited before it could join the bus.
     /// The record is cleared at each timer event.
     pub(crate) fn set_join_failed(&mut self, join_failed: bool) {
         self.join_failed = join_failed;

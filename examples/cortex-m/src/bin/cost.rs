@@ -17,8 +17,8 @@ use cortex_m_semihosting::{debug, hprintln};
 use panic_semihosting as _;
 use plumbline_ahrs::{AhrsBuilder, attitude::stage::Stage as _};
 
-/// Defines `fuser`, which creates the stage of the enabled feature, or the default stage if no
-/// feature is enabled.
+/// Defines `fuser`, which creates the stage of the enabled feature. If no feature is enabled, it
+/// creates the default stage.
 macro_rules! stages {
     ($($feature:literal: $stage:ident, $create:ident,)*) => {
         $(#[cfg(feature = $feature)]

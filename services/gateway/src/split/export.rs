@@ -195,7 +195,7 @@ fn source(context: &ServiceContext, index: usize, topic: Topic) -> Option<Result
     )
 }
 
-/// Creates a source that yields each tick of a dense topic once and in order, even if the owner of
+/// Creates a source of a dense topic. It yields each tick once and in order, even if the owner of
 /// the slot changes.
 fn dense<M: Ticked>(context: &ServiceContext, index: usize) -> Result<Box<dyn Source>, RuntimeError> {
     let lateness_ticks = context.config.lateness_ticks() / 2;

@@ -44,8 +44,8 @@ impl Merge {
         Self { has_started: true, ..Self::with_unknown_start(mask, lateness_ticks, 0) }
     }
 
-    /// Creates a join that starts at the first tick that is still available from all dense topics,
-    /// which are the topics with a message for every tick.
+    /// Creates a join that starts at the first tick that is still available from all dense topics.
+    /// A dense topic has a message for every tick.
     ///
     /// Ticks before `backlog_end` have already been published, but their messages are still being
     /// delivered. These ticks are therefore given up later than other ticks.
@@ -76,7 +76,7 @@ impl Merge {
         self.join.inputs().0.get(self.join.awaited_input()).map(|(index, _)| *index)
     }
 
-    /// Returns the first tick of the stream, or `None` until every dense topic has delivered a
+    /// Returns the first tick of the stream. Returns `None` until every dense topic has delivered a
     /// message or the deadline for the start has passed.
     fn first_tick(&self) -> Option<u64> {
         let (mut first, mut all_received, mut timed_out) = (None, true, false);

@@ -7,8 +7,7 @@ use std::{fs, path::Path};
 use rustix::time::{ClockId, clock_gettime};
 use serde::{Deserialize, Serialize};
 
-/// Largest difference between a hardware clock and the system clock at which the hardware clock
-/// still confirms the system clock, s.
+/// Largest difference from the system clock at which a hardware clock confirms it, s.
 const MAX_CLOCK_DIFFERENCE_S: f64 = 60.0;
 /// Start of the year 2020, s since 1970. An earlier system time means that the clock was not set.
 const MIN_PLAUSIBLE_UNIX_S: f64 = 1_577_836_800.0;

@@ -136,8 +136,8 @@ impl WarmStart {
     }
 }
 
-/// Adds the previously known gyro scale if the fuser has not estimated one, and stores the result
-/// as the newest state.
+/// Adds the previously known gyro scale if the fuser has not estimated one. Stores the result as
+/// the newest state.
 fn with_previous_scale(found: Prior, latest: &mut Option<(Prior, Instant)>) -> Prior {
     let previous = latest.map(|(prior, found_at)| prior.aged(found_at.elapsed().as_secs_f64(), false));
     let prior = found.or_scale_from(previous);
