@@ -140,7 +140,7 @@ fn try_start(name: &str) -> Result<(u32, PathBuf), DetachedError> {
     let arguments = env::args_os().skip(1).filter(|argument| argument != "--detach");
     let mut command = Command::new(env::current_exe().map_err(DetachedError::Spawn)?);
     command.args(arguments).stdin(Stdio::null()).stdout(log.try_clone().map_err(log_error)?).stderr(log);
-    // In its own process group, the system does not receive signals of the terminal.
+    // The system has its own process group, so it does not receive signals from the terminal.
     let mut child = command.process_group(0).spawn().map_err(DetachedError::Spawn)?;
     wait_until_ready(name, &mut child, &path)?;
     Ok((child.id(), path))

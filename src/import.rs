@@ -102,7 +102,7 @@ impl ReadOptions {
         Ok(Options { mapping, topics, segment, time_bits, imu, mag, gnss })
     }
 
-    /// Returns the same arguments with another segment.
+    /// Returns the same arguments with the given segment.
     fn with_segment(&self, segment: usize) -> Self {
         Self { segment: Some(segment), ..self.clone() }
     }
@@ -169,8 +169,8 @@ fn announce_warning(warning: &String) {
     supervisor::announce(format_args!("warning: {warning}"));
 }
 
-/// Recording in a readable format. An imported recording is a temporary file, which is removed on
-/// drop.
+/// Recording in a format that can be read directly. An imported recording is a temporary file,
+/// which is removed on drop.
 pub(crate) struct ReadableFile {
     pub(crate) path: PathBuf,
     /// Path of the file that the user named.
@@ -189,7 +189,7 @@ impl ReadableFile {
         Ok(Self::open_announced(path, reading, sensors)?.0)
     }
 
-    /// Opens all segments of a recording that have a time interval, or the chosen one.
+    /// Opens all segments of a recording that have a time interval, or only the chosen segment.
     pub(crate) fn open_segments(
         path: &Path,
         reading: &ReadOptions,
@@ -261,7 +261,7 @@ impl ReadableFile {
         !self.format.is_text() && !self.format.has_topics()
     }
 
-    /// Replaces the path of a temporary file in a message with that of the user's file.
+    /// Replaces the path of a temporary file in a message with the path of the user's file.
     pub(crate) fn with_user_path(&self, text: &str) -> String {
         replace_path(text, &self.path, &self.user_path)
     }
@@ -281,8 +281,8 @@ impl ReadableFile {
     }
 }
 
-/// Table of fixes or references in a readable form. A converted table is a temporary file, which is
-/// removed on drop.
+/// Table of fixes or references in a form that can be read directly. A converted table is a
+/// temporary file, which is removed on drop.
 pub(crate) struct ReadableTable {
     pub(crate) path: PathBuf,
     user_path: PathBuf,
@@ -314,7 +314,7 @@ impl ReadableTable {
         Self { path: out, user_path: path.to_owned(), _folder: Some(folder) }
     }
 
-    /// Replaces the path of a temporary file in a message with that of the user's file.
+    /// Replaces the path of a temporary file in a message with the path of the user's file.
     pub(crate) fn with_user_path(&self, text: &str) -> String {
         replace_path(text, &self.path, &self.user_path)
     }

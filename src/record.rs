@@ -39,7 +39,7 @@ pub(crate) struct Record {
     duration: Option<Duration>,
 }
 
-/// Returns the exit code of an error of the recording.
+/// Returns the exit code for an error of the recording.
 fn exit_code(error: &SystemRecordingError) -> u8 {
     if matches!(error, SystemRecordingError::Flight(FlightError::Exists { .. })) { 2 } else { 1 }
 }

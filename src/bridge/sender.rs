@@ -164,8 +164,8 @@ pub(super) struct SendCounts {
     pub(super) diagnostics: Option<u64>,
     /// Number of attitudes not sent because they were flagged as not aligned yet.
     pub(super) unaligned: u64,
-    /// Number of attitudes not sent because they were not finite rotations or lacked a required
-    /// sample.
+    /// Number of attitudes not sent because the rotation was not finite or a required sample was
+    /// missing.
     pub(super) invalid: u64,
     /// Number of attitudes, magnetic fields and fixes not sent because they were too old.
     pub(super) stale: u64,

@@ -24,7 +24,7 @@ type Statuses = Result<Vec<ServiceStatus>, ControlError>;
 pub(super) struct StatusPoller(Receiver<Statuses>);
 
 impl StatusPoller {
-    /// Starts the thread. It ends at its first result after the poller is dropped.
+    /// Starts the thread. After the poller is dropped, the thread ends with its next result.
     pub(super) fn start(system: &str) -> Self {
         // The channel has no buffer, so the thread sends its next request only after this result
         // was read.

@@ -53,8 +53,8 @@ pub struct ServiceContext {
     /// Bus that the service has joined.
     pub bus: Bus,
     stop_flag: Arc<AtomicBool>,
-    /// `None` until the first health report. Until then, a stop request ends the process
-    /// immediately, even if the process is blocked.
+    /// Token that exists as long as the connection; `None` until the first health report. Until
+    /// then, a stop request ends the process immediately, even if the process is blocked.
     liveness: Option<Arc<()>>,
     health: Publisher<Health>,
     last_health: Health,
@@ -139,7 +139,8 @@ impl ServiceContext {
 
     /// Publishes the health of the service, updated by `change`.
     ///
-    /// A changed state is published immediately, an unchanged one at a fixed interval.
+    /// A report with a changed state is published immediately. Other reports are published at a
+    /// fixed interval.
     pub fn publish_health(&mut self, state: State, change: impl FnOnce(&mut Health)) -> Result<(), RuntimeError> {
         if self.liveness.is_none() {
             let liveness = Arc::new(());

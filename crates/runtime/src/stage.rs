@@ -9,7 +9,7 @@ use launch::{Launch, Slot};
 use crate::RuntimeError;
 
 /// Share of the health timeout after which an external stage counts as hung. It is less than 1, so
-/// that the service can still report the cause before its own timeout.
+/// that the service can report the cause before the service itself counts as hung.
 const RESPONSE_TIMEOUT_SHARE: f64 = 0.5;
 
 /// Builds the stage that the launch file specifies, with its parameters set.

@@ -84,9 +84,9 @@ pub enum FrameError {
     /// The response is for a different request.
     #[error("the response is to request {found} ({kind:?}), expected {expected}")]
     RequestMismatch {
-        /// Number of the request in the response.
+        /// Request number that the response repeats.
         found: u64,
-        /// Kind of the request in the response.
+        /// Request kind that the response repeats.
         kind: RequestKind,
         /// Number of the pending request.
         expected: u64,

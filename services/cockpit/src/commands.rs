@@ -1,5 +1,4 @@
-//! Commands of viewers: swaps and shadows with parameters, their cancellation, calibrations and
-//! their results, recordings and the log.
+//! Commands of viewers: swaps, shadows, calibrations, recordings and the log of the system.
 //!
 //! Input: commands of the page, each with a token.
 //! Output: one reply per command.

@@ -20,7 +20,7 @@ use wire::{
 pub const MAX_EVENTS: usize = 256;
 /// Number of reference attitudes kept for comparison with attitudes of the same tick.
 const MAX_REFERENCES: usize = 4096;
-/// Maximum number of attitudes per snapshot that are compared with references.
+/// Maximum number of attitudes per snapshot that are compared with reference attitudes.
 const MAX_ATTITUDES: usize = 4096;
 /// Length of an array indexed by [`Quantity`]. The array has an element for the unspecified
 /// quantity.

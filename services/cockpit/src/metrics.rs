@@ -34,7 +34,7 @@ pub(crate) fn render(system: &str, newest: &LatestState, now_ns: u64) -> String 
     text.0
 }
 
-/// Writes the version, the connection and the source.
+/// Writes the metrics of the program version, of the connection and of the source.
 fn system_info(text: &mut Exposition, system: &str, LatestState { standing, .. }: &LatestState) {
     let build = [("version", env!("CARGO_PKG_VERSION")), ("system", system)];
     text.gauge("plumbline_build_info", "Version of the exporting program and name of the system.", [(&build[..], 1.0)]);

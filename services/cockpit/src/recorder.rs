@@ -105,7 +105,7 @@ impl FlightRecorder {
                 Err(error) => drop(sender.send(Err(error))),
             }
         });
-        // Without a message the thread has panicked.
+        // If no message arrives, the thread has panicked.
         started.recv().map_err(|_| RecorderError::NotRunning)??;
         *running = Some(Running { should_stop, thread });
         Ok(())

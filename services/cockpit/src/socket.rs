@@ -48,7 +48,7 @@ pub(crate) enum TokenRejection {
     /// The first message contains no valid token.
     #[error("token missing or wrong")]
     Missing,
-    /// All places of clients with this token are taken.
+    /// All places for clients with a token of this role are taken.
     #[error(transparent)]
     NoPlace(#[from] NoPlace),
 }

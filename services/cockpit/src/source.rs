@@ -125,7 +125,8 @@ pub trait CommandTarget: Send + Sync {
         Err("nothing is being recorded".into())
     }
 
-    /// Returns the progress of the recording or the result of the last one; `None` without any.
+    /// Returns the progress of the recording or the result of the last one; `None` if nothing was
+    /// recorded.
     fn recording(&self) -> Option<Recording> {
         None
     }

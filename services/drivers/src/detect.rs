@@ -74,7 +74,7 @@ pub enum Finding {
     },
     /// Bytes in no known format.
     Unknown {
-        /// Number of bytes at the first baud rate.
+        /// Number of bytes received at the first baud rate.
         bytes: usize,
     },
     /// The port sent no bytes.
@@ -311,7 +311,7 @@ fn rate_hz(measurements: &[&(Duration, Measurement)]) -> Option<f64> {
     (counted >= MIN_MEASUREMENTS && seconds > 0.0).then(|| counted as f64 / seconds)
 }
 
-/// Returns the usual rate near a measured one, or the measured one in whole hertz.
+/// Returns the usual rate near the measured one, or else the measured rate rounded to whole hertz.
 fn usual_rate_hz(measured_hz: f64) -> f64 {
     let usual = USUAL_RATES_HZ.into_iter().find(|usual_hz| (measured_hz / usual_hz - 1.0).abs() < RATE_TOLERANCE);
     usual.unwrap_or_else(|| measured_hz.round().max(1.0))

@@ -26,7 +26,7 @@ const DROPS_COLUMN: usize = 12;
 /// Counter of the dropped datagrams of one socket.
 pub(crate) struct DropCounter {
     inode: u64,
-    /// Last value reported by the kernel, which wraps.
+    /// Last count reported by the kernel. This count wraps.
     last: u32,
     total: u64,
     next_update: Instant,

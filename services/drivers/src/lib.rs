@@ -147,7 +147,8 @@ pub fn run() -> Result<(), DriversError> {
         let had_rate_problem = publisher.converter.rate_problem().is_some();
         measurements.drain(..).for_each(|measurement| publisher.push(&measurement, arrival_ns));
         if publisher.converter.rate_problem().is_some() && !had_rate_problem {
-            // A short input may end before the next report is due.
+            // A short input may end before the next evaluation is due, so the device reports are
+            // evaluated now.
             next_diagnostics = Instant::now();
         }
     }

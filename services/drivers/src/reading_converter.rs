@@ -83,8 +83,8 @@ impl ReadingConverter {
         self.fit.health()
     }
 
-    /// Returns a problem if readings without timestamps are spaced by the default rate, because no
-    /// rate is declared.
+    /// Returns a problem if readings have no timestamps and no rate is declared. They are then
+    /// spaced at the default rate.
     pub(crate) fn rate_problem(&self) -> Option<Diagnostic> {
         (!self.has_declared_rate && self.unstamped_count > 0).then(|| Diagnostic {
             kind: "assumed-rate".into(),

@@ -62,8 +62,8 @@ impl Receiver {
         }
     }
 
-    /// Returns the queued fixes. Their number is limited, because the thread may add further ones
-    /// at any rate.
+    /// Returns the queued fixes. Their number is limited, because the thread may add fixes faster
+    /// than they are read.
     pub(crate) fn queued_fixes(&self) -> impl Iterator<Item = Measurement> {
         self.fixes.try_iter().take(MAX_QUEUED_FIXES)
     }

@@ -31,7 +31,7 @@ pub(crate) struct ReconnectingPort {
     origin: StreamOrigin,
     /// Start position of the next bytes, if the port has been opened since the last read.
     pending_start: Option<StreamStart>,
-    /// Datagrams dropped on ports that are closed now.
+    /// Number of datagrams dropped on ports that have been closed since.
     dropped_datagrams: u64,
 }
 

@@ -121,7 +121,7 @@ impl NetworkPublisher {
         self.shared.dropped.store(dropped, Ordering::Relaxed);
     }
 
-    /// Declares tokens for live services and withdraws those of all others.
+    /// Declares liveliness tokens for the live services and withdraws the tokens of all others.
     fn update_liveliness(&mut self) -> Result<(), LinkError> {
         let live = self.shared.live_services();
         self.service_tokens.retain(|(service, _)| live.contains(service));

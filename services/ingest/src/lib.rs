@@ -195,7 +195,7 @@ struct Ingest {
     /// Publication ends before this tick. `None` until a stop has been requested.
     end_tick: Option<u64>,
     published_ticks: u64,
-    /// Readings that were overwritten before they were received.
+    /// Number of readings that were overwritten before they were received.
     lost_readings: u64,
     flags: Flags,
 }

@@ -110,7 +110,7 @@ impl RunRecord {
                 self.content.failure = Some(Failure { unix_s: unix_s(SystemTime::now()), cause });
                 self.write();
             }
-            // A file that remains would be reported as a killed run.
+            // If the file remained, the run would be reported as killed.
             None => drop(fs::remove_file(&self.path)),
         }
     }

@@ -47,7 +47,7 @@ const USER_HZ: f64 = 100.0;
 /// Time allowed for a process to exit at shutdown before it is killed.
 const TERMINATE_TIMEOUT: Duration = Duration::from_millis(800);
 
-/// Time between the kill and the exit of a process above which the time is reported.
+/// Delay of the exit after a kill above which the delay is reported.
 const LATE_EXIT: Duration = Duration::from_millis(100);
 
 /// Maximum number of exited processes that wait for the reaper thread.
@@ -89,7 +89,7 @@ pub(crate) struct Exit {
     pub(crate) stderr: ForeignText,
 }
 
-/// Exited child process and the time its exit was noticed.
+/// Exited child process and the time at which its exit was noticed.
 type ExitedChild = (Child, Instant);
 
 #[derive(Debug)]

@@ -30,7 +30,7 @@ pub struct Report {
     pub duplicated: u64,
     /// Latency from the reception of a sample at ingest to the publication of its attitude.
     pub latency_us: LatencyUs,
-    /// CPU time of all processes per second of the run.
+    /// CPU time of all processes per second of the run, s.
     pub cpu_s_per_s: f64,
     /// Error against the reference attitude, if the source has one.
     pub error_deg: Option<ErrorDeg>,
@@ -101,7 +101,7 @@ pub struct RunTotals {
     pub rejected: u64,
     /// Number of datagrams and readings that were lost before ingest numbered them.
     pub lost_readings: u64,
-    /// CPU time of all processes per second of the run.
+    /// CPU time of all processes per second of the run, s.
     pub cpu_s_per_s: f64,
     /// Services of the system.
     pub services: Vec<ServiceReport>,

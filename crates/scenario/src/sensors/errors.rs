@@ -49,7 +49,7 @@ pub struct Magnetometer {
 pub struct Receiver {
     /// Time between fixes, s.
     pub interval_s: f64,
-    /// Latency of the fixes, s. The fixes do not report it.
+    /// Latency of the fixes, s. The fixes do not report their latency.
     pub latency_s: f64,
     /// Standard deviation of the white noise on each axis and fix, m/s.
     pub noise_m_s: f64,

@@ -89,8 +89,8 @@ impl BusConnection {
             self.reference.drain(self.buffer, |reference| collector.record_reference(reference))
         };
         let mut result = collect_references(collector);
-        // Each attitude is recorded as soon as it is read, because after an outage an entire topic
-        // buffer of attitudes may be waiting.
+        // Each attitude is recorded as soon as it is read. Attitudes are not gathered first,
+        // because after an outage an entire topic buffer of them may be waiting.
         self.attitude.drain(self.buffer, &mut |output: AttitudeOutput| {
             // A reference attitude is published before the estimated attitude of its tick, so the
             // reference has arrived.

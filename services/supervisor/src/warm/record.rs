@@ -147,7 +147,7 @@ mod tests {
         encode(PRIOR, SENSORS, timestamp("a", 1000.0, 1.7e9, true)).unwrap()
     }
 
-    /// Creates a state file with another body and its correct checksum.
+    /// Creates a state file with the given body and its correct checksum.
     fn with_body(body: &str) -> String {
         format!("{MAGIC}{VERSION} {:016x}\n{body}", hash(HASH_START, body.as_bytes()))
     }
