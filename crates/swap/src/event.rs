@@ -193,7 +193,7 @@ pub struct Report {
     pub stage: String,
     /// Outcome of the request.
     pub outcome: SwapOutcome,
-    /// Reason why the swap failed; `None` if it was committed.
+    /// Reason why the swap was refused or failed; `None` if it was committed.
     pub reason: Option<FailureReason>,
     /// First tick of the new stage, if it took over.
     pub commit_tick: Option<u64>,

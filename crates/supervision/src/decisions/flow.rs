@@ -115,8 +115,7 @@ impl Supervision {
         }
     }
 
-    /// Returns the tick from which on messages are guaranteed to stay in the topics until they are
-    /// read.
+    /// Returns the oldest tick that is guaranteed to stay in the topics until it is read.
     ///
     /// If the source waits for credit, this guarantee holds even after it has published every tick
     /// for which credit was granted. Otherwise messages older than half of the buffer may be

@@ -25,7 +25,7 @@ pub(crate) struct CheckpointStore {
     ///
     /// A restarted process or a candidate may be behind the newest checkpoints.
     positions: [Option<u64>; Service::ALL.len()],
-    /// Tick from which on messages are guaranteed to stay in the topics until they are read.
+    /// Oldest tick that is guaranteed to stay in the topics until it is read.
     held_from: u64,
     /// For each service, `true` if it recomputes its output from the first tick on because the bus
     /// was renewed.

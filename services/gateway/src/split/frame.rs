@@ -12,8 +12,8 @@ use super::record::{Record, index_of, message_header, topics_in};
 
 /// Maximum size of a frame, bytes.
 pub const MAX_FRAME_BYTES: usize = 1 << 20;
-/// Total size of the records from which on a frame receives no further record, bytes. The last
-/// record may exceed this size.
+/// Total size of the records at which a frame is complete, bytes. The last record may exceed this
+/// size.
 pub const RECORDS_TARGET_BYTES: usize = 64 * 1024;
 
 /// Header of a frame.

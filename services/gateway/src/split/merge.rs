@@ -22,8 +22,8 @@ pub struct Merge {
     join: Join<TopicInputs>,
     /// Set once the first tick of the stream is known.
     has_started: bool,
-    /// The stream starts as soon as a dense topic is past this tick, even if other dense topics
-    /// have not delivered a message yet.
+    /// Deadline for the start of the stream, as a tick. The stream starts as soon as a dense topic
+    /// is past this tick, even if other dense topics have not delivered a message yet.
     start_deadline: u64,
 }
 
