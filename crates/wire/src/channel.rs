@@ -16,8 +16,8 @@ use messages::{AttitudeOutput, GnssFix};
 
 use crate::{Payload, viewer};
 
-/// World frame in the viewers: east, north, up. Unless the course refers to true north, the frame
-/// is rotated about the vertical.
+/// World frame in the viewers: east, north, up. If the course does not refer to true north, the
+/// north of this frame is the reference direction of the course.
 const WORLD_FRAME: &str = "world";
 /// Body frame in the viewers: forward, left, up.
 const BODY_FRAME: &str = "body";

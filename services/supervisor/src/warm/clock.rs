@@ -12,7 +12,7 @@ const MAX_CLOCK_DIFFERENCE_S: f64 = 60.0;
 /// Start of the year 2020, s since 1970. An earlier system time means that the clock was not set.
 const MIN_PLAUSIBLE_UNIX_S: f64 = 1_577_836_800.0;
 
-/// Point in time, as read from each clock that may be comparable across runs.
+/// Point in time according to each clock that can be compared across runs.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(super) struct Timestamp {
