@@ -1,5 +1,5 @@
-//! Text from untrusted sources cannot control the terminal or forge a line, whichever command
-//! prints it.
+//! Text from untrusted sources cannot control the terminal or forge a line of output, whichever
+//! command prints the text.
 use std::{
     fs,
     io::Write,
@@ -9,10 +9,10 @@ use std::{
 
 use crate::common::{System, plumb};
 
-/// Hostile text that a file name can contain: window title, clear screen, reordered text, forged
-/// line.
+/// Hostile text for a file name. It sets the window title, clears the screen, reorders text and
+/// forges a line.
 const HOSTILE: &str = "\x1b]0;owned\x07\x1b[2J\u{9b}2J\u{202e}\nFORGED: all is well";
-/// Hostile text without a line break, for a field of a line.
+/// Hostile text without a line break, for a column name or a value in a CSV file.
 const HOSTILE_FIELD: &str = "\x1b]0;owned\x07\x1b[2J\u{9b}2J\u{202e}\rFORGED";
 const RECORDING: &str = "t_s,gx,gy,gz,ax,ay,az\n";
 
@@ -35,7 +35,7 @@ fn row(number: u32) -> String {
     format!("{},0,0,0,0,0,9.8\n", f64::from(number) * 0.01)
 }
 
-/// Writes a file with a hostile name to a folder with a hostile name.
+/// Writes a file to a folder. The names of both are hostile.
 fn write_file(folder: &Path, extension: &str, content: &[u8]) -> PathBuf {
     let folder = folder.join(format!("folder{HOSTILE}"));
     fs::create_dir_all(&folder).unwrap();

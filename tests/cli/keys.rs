@@ -53,7 +53,7 @@ fn keys_lists_imports_and_rejects_unknown_vehicles() {
     assert_eq!(imports(), serde_json::json!(["vehicle.board"]));
     let text = String::from_utf8(keys(folder.path(), &["list"]).stdout).unwrap();
     assert!(text.contains("imports ticks of vehicle.board"), "{text}");
-    // The new certificate no longer permits the import.
+    // The new certificate no longer permits the import of ticks.
     assert!(keys(folder.path(), &["vehicle", "base", "--force"]).status.success());
     assert_eq!(imports(), serde_json::json!([]));
     let router = std::fs::read_to_string(folder.path().join("router/router.json5")).unwrap();

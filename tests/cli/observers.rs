@@ -388,8 +388,8 @@ fn leftovers(output: &Output) -> Value {
 fn doctor_removes_leftovers_of_killed_system() {
     let (dead, living) = (System::new(""), System::new(""));
     let (killed, running) = (start_system(&dead, &[]), start_system(&living, &[]));
-    // This test takes the lock that every process of a system holds, so it counts as a process that
-    // has not ended.
+    // This test takes the lock that every process of a system holds, so the test counts as a
+    // process that has not ended.
     let member = fs::File::open(format!("/dev/shm/plumbline.{}.members", dead.name)).unwrap();
     rustix::fs::flock(&member, rustix::fs::FlockOperation::LockShared).unwrap();
     // The supervisor is frozen, so that it cannot restart the killed services.
@@ -439,7 +439,7 @@ fn doctor_removes_leftovers_of_killed_system() {
     running.wait().assert_complete();
 }
 
-/// Writes a recording of sensors at rest at 100 Hz, with forces around `force`.
+/// Writes a recording of sensors at rest at 100 Hz, with specific forces around `force`, m/s².
 fn write_rest_recording(system: &System, force: f64) -> PathBuf {
     let path = system.path("rest.csv");
     let row = |i: u32| {

@@ -1,5 +1,5 @@
-//! Options of all commands: help without a command, colours, `--quiet`, JSON objects; and the
-//! effective launch file.
+//! Options that all commands share: help without a command, colours, `--quiet` and JSON objects.
+//! The effective launch file is tested as well.
 use std::{fs, process::Output};
 
 use serde_json::Value;

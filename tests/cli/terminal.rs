@@ -1,4 +1,4 @@
-//! `plumb top`, and the width of tables, in a terminal.
+//! `plumb top` in a terminal, and the width of tables in a terminal.
 use rustix::process::Signal;
 
 use crate::common::{

@@ -16,7 +16,7 @@ use rustix::{
     process::{Pid, Signal, kill_process_group},
 };
 
-/// Keys of the JSON report, which are the same for every result.
+/// Keys of the JSON report. Every report has the same keys, whatever the result of the run.
 const REPORT: [&str; 12] = [
     "cpu_s_per_s",
     "duplicated",
@@ -80,7 +80,7 @@ fn assert_recording_rejected(name: &str, contents: &[u8], texts: &[&str]) {
     }
 }
 
-/// Checks that the two good rows of a recording with these contents are read, and that the note
+/// Checks that `rows` rows of a recording with these contents are read, and that standard error
 /// contains `text`.
 fn assert_recording_read(name: &str, contents: &[u8], rows: u64, text: &str) {
     let system = System::new("");
@@ -478,7 +478,8 @@ fn pipe_without_writer_does_not_block_the_end() {
         assert_eq!(run.code, Some(3), "{}", run.stderr);
         assert!(run.stderr.contains("not a regular file"), "{}", run.stderr);
     }
-    // A launch file may be a pipe, so the command waits for its text until a signal ends it.
+    // A launch file may be a pipe. The command therefore waits until text arrives in the pipe or a
+    // signal ends the command.
     let mut process = crate::common::plumb(&["up", "--launch", pipe]).spawn().unwrap();
     let mut writer = None;
     wait_for("the process to open the pipe", || {

@@ -1,5 +1,5 @@
-//! Input warnings: implausible input is reported with a launch-file remedy, and applying the remedy
-//! removes the warning.
+//! Input warnings. Implausible input is reported with a change to the launch file, and making this
+//! change removes the warning.
 use std::{fmt::Write as _, fs};
 
 use crate::common::{Run, System, plumb, wait_for};
@@ -73,7 +73,7 @@ fn warnings_for(launch: &str, rows: impl Iterator<Item = Row>, arguments: &[&str
     messages
 }
 
-/// Returns the first launch-file remedy in a warning.
+/// Returns the first launch-file key with its value that a warning suggests.
 fn remedy(warning: &str) -> Option<&str> {
     warning.split('`').find(|part| part.starts_with("ingest.") && part.contains('='))
 }

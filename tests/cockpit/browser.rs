@@ -17,8 +17,8 @@ use std::{
 
 use serde_json::{Value, json};
 
-/// Folder with the npm packages, which are installed on first use; `None` if they are unavailable.
-/// The cause is then printed.
+/// Folder with the npm packages, which are installed on first use. If they are unavailable, prints
+/// the cause and is `None`.
 pub(crate) static PACKAGES: LazyLock<Option<PathBuf>> = LazyLock::new(|| match packages() {
     Ok(folder) => Some(folder),
     Err(cause) => {
@@ -45,8 +45,8 @@ fn packages() -> Result<PathBuf, String> {
     Ok(folder)
 }
 
-/// Number of tests that have pages open. It is limited to the number of processors, because pages
-/// are rendered in software.
+/// Number of tests that have pages open, at most the number of processors, because pages are
+/// rendered in software.
 static BROWSER_SLOTS: (Mutex<usize>, Condvar) = (Mutex::new(0), Condvar::new());
 
 /// Permission for one test to open pages. It is released when the test's thread ends.
@@ -91,7 +91,8 @@ struct Browser {
     next: AtomicU64,
 }
 
-/// The browser. It ends together with the tests, when its standard input is closed.
+/// Shared browser, or `None` if it is unavailable. It exits when the tests end and thereby close
+/// its standard input.
 static BROWSER: LazyLock<Option<Browser>> = LazyLock::new(|| PACKAGES.as_deref().map(Browser::start));
 
 /// Time limit for a reply. It is longer than the driver's own time limits.

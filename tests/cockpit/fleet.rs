@@ -45,7 +45,7 @@ fn all_vehicles_are_listed_and_selected_one_is_shown() {
     page.until("plumb.drawn()?.services?.some(([service, state]) => service === 'fuser' && state === 'running')");
     assert_eq!(page.eval("document.getElementById('swap').disabled"), true, "a plain endpoint accepts no commands");
 
-    // A vehicle that has ended stays in the list and is marked as old.
+    // After the system of a vehicle has ended, the vehicle stays in the list and is marked as old.
     boat_runs.interrupt();
     boat_runs.wait().assert_complete();
     page.key("5");
@@ -71,7 +71,8 @@ fn all_vehicles_are_listed_and_selected_one_is_shown() {
     view.stop();
     drone_runs.interrupt();
     drone_runs.wait().assert_complete();
-    // The file uses the frame north-east-down, forward-right-down. The page shows the native frame.
+    // The attitude file uses the frames north-east-down and forward-right-down. The page shows the
+    // native frames.
     let row = row(&out, tick);
     assert_eq!(drawn, [row[1], row[3], row[2], -row[4]], "tick {tick}");
 }

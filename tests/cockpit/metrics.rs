@@ -105,7 +105,8 @@ fn prometheus_metrics_match_plumb_ps() {
     let queried: BTreeSet<_> = words.filter(|word| word.starts_with("plumbline_")).collect();
     let available: BTreeSet<_> = metrics.0.iter().map(|(name, _, _)| name.as_str()).collect();
     let missing: Vec<_> = queried.difference(&available).copied().collect();
-    // An arbitrary course has no standard deviation, and unknown values are omitted.
+    // A course with an arbitrary zero direction has no standard deviation, and unknown values are
+    // omitted.
     assert_eq!(missing, ["plumbline_attitude_course_sd_radians"], "the dashboard queries missing metrics");
     assert!(queried.len() > 15, "{queried:?}");
 

@@ -59,7 +59,7 @@ fn parameters_are_shown_and_set_by_operator_only() {
     ));
     page.shot("system-parameters.png");
 
-    // The message is that of the stage's own check, and the value stays.
+    // The message comes from the check of the stage itself. The value is unchanged.
     let outcome = set(&mut page, name, "99");
     assert!(outcome.contains("gyro_noise_deg_sqrt_s: expected 0.0001 to 10 °/√s, found 99"), "{outcome}");
     page.eval(&format!("document.getElementById('parameter-{name}').value = 'much'"));
@@ -106,8 +106,8 @@ fn recording_is_started_and_stopped_by_operator_only() {
     page.shot("fly-recording.png");
     viewer.until(&format!("{text}.startsWith('recording ')"));
     page.until(&format!("{text}.endsWith(': the size limit was reached')"));
-    // Two further recordings, each in a new file. The operator stops the first one, and the end of
-    // the system stops the second one.
+    // Two further recordings, each in a new file. The operator stops the first recording, and the
+    // end of the system stops the second one.
     for stop in ["#record", ""] {
         page.until("document.getElementById('record').textContent === 'Record'");
         page.click("#record");

@@ -569,7 +569,7 @@ fn body_and_signals_are_selected_and_remembered() {
     page.click("[name='fly/angles/pitch']");
     let selected = "plumb.drawn()?.body === 'boat' && JSON.stringify(plumb.strips()?.map(({ lines }) => lines)) === '[[\"yaw\",\"roll\"],[\"error\",\"inclination sd\",\"shadow\"]]'";
     page.until(selected);
-    // The other strips take the space of the hidden one.
+    // The other strips share the space of the hidden strip.
     page.until("document.querySelectorAll('.strip-legends > div:not([hidden])').length === 2");
     // A body that rolls to the right sees the zenith on its left.
     let bank = page.eval("(({ bank, roll_deg }) => [bank.marks_deg, bank.pointer_deg + roll_deg])(plumb.drawn())");

@@ -21,12 +21,12 @@ fn recording_seeks_to_known_second() {
         page.until("plumb.data.frames.length === plumb.data.recording.length && plumb.data.span_s > 3.5");
         page.until("Math.abs(plumb.data.window()[0] - plumb.data.frames[0].t) < 1e-6 && plumb.strips()?.[0]?.lines.length === 3");
         page.until("/^0\\.0\\d s$/.test(document.getElementById('time').textContent)");
-        // A large error at one time does not set the scale of the whole flight.
+        // A large error at one time does not determine the scale of the error strip.
         page.eval("plumb.data.frames[40].values.set([0.5, 0.5], plumb.valueIndex('error_rad'))");
         page.until("plumb.strips()[2].most < 20 && Math.abs(plumb.strips()[2].cut_off - 28.65) < 0.01");
         page.until("[...document.querySelectorAll('.cut-off')].some((mark) => mark.textContent === '▲ up to 28.65°')");
         assert_eq!(page.eval("document.getElementById('lost-field').hidden"), true, "a recording has no losses");
-        // A drag over the strips zooms to a time span, a double click shows all again.
+        // A drag over the strips zooms to a time span. A double click shows the whole flight again.
         page.eval(
             "(() => {
                 const canvas = document.querySelector('.strips > canvas'), { left, top, width } = canvas.getBoundingClientRect();
@@ -54,7 +54,8 @@ fn recording_seeks_to_known_second() {
             page.until(&format!("plumb.view() === '{view}'"));
             page.assert_laid_out(view);
         }
-        // The label of an event keeps clear of the bar of an earlier one that has not yet ended.
+        // The label of an event does not overlap the bar of an earlier event that has not yet
+        // ended.
         page.eval(
             "(() => {
                 const start = plumb.data.frames[0].t, event = { kind: 'FLAG', text: '', fault: true, reported_s: 0, number: -1, service: '', stage: '', tick: 0 };

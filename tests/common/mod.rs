@@ -28,7 +28,7 @@ use tempfile::TempDir;
 pub(crate) struct System {
     pub(crate) name: String,
     pub(crate) folder: TempDir,
-    /// `plumb`, or the executable that contains the faulty course service.
+    /// `plumb`, or the executable with the faulty course service.
     pub(crate) executable: PathBuf,
 }
 
@@ -52,9 +52,9 @@ pub(crate) fn services(system: &str) -> Vec<Value> {
 impl System {
     /// Creates a system with a unique name and the launch file `text`.
     ///
-    /// Unless `text` sets them, three settings differ from the defaults. The topic buffer and the
+    /// Unless `text` sets them, three keys differ from their defaults. The topic buffer and the
     /// lateness are longer, because tests must not depend on the duration of a restart on a busy
-    /// machine. The services are those of the data path.
+    /// machine. `services` contains only the services of the data path.
     pub(crate) fn new(text: &str) -> Self {
         let defaults = [("buffer_s", "6.0"), ("lateness_s", "4.0"), ("services", PATH)]
             .map(|(key, value)| if text.contains(key) { String::new() } else { format!("{key} = {value}\n") });
@@ -348,7 +348,8 @@ pub(crate) fn output_on_terminal(arguments: &[&str]) -> Output {
     Command::new("script").args(["-qec", &script, "/dev/null"]).stdin(Stdio::null()).output().unwrap()
 }
 
-/// Returns the output of `plumb`, which succeeds, in a terminal of 24 lines and 80 columns.
+/// Returns the output of a `plumb` command in a terminal of 24 lines and 80 columns. The command
+/// must succeed.
 pub(crate) fn run_on_terminal(arguments: &[&str]) -> String {
     let output = output_on_terminal(arguments);
     let text = String::from_utf8_lossy(&output.stdout).into_owned();

@@ -65,7 +65,7 @@ pub(crate) fn number(value: &Value, name: &str) -> u64 {
     value[name].as_u64().unwrap_or_else(|| panic!("no {name}: {value}"))
 }
 
-/// Returns the first column of a table written by `plumb station --csv`.
+/// Returns the ticks in a table written by `plumb station --csv`, which are its first column.
 pub(crate) fn ticks(table: &Path) -> Vec<u64> {
     let text = fs::read_to_string(table).unwrap();
     text.lines().skip(1).map(|line| line.split(',').next().unwrap().parse().unwrap()).collect()

@@ -1,8 +1,8 @@
 //! Every example of the documentation runs, unless [`exceptions`](super::exceptions) lists it.
 //!
 //! An example is an indented or fenced block of a Markdown file. Its language is the word after the
-//! fence, or follows from its first line. The shell lines of a file run in order in a folder of
-//! their own. Blocks fenced as `text` are skipped.
+//! fence, or follows from its first line. The shell lines of a file run in order in a separate
+//! folder. Blocks fenced as `text` are skipped.
 use std::{
     env,
     fmt::Write as _,

@@ -93,7 +93,7 @@ pub(super) const NOT_EXAMPLES: &[(&str, &str)] = &[
     ("request_id:", "fields of a message; tested by tests/foreign/client.py"),
 ];
 
-/// Folders of Markdown files that have no examples, with the reason.
+/// Folders in which no Markdown file has examples, each with the reason.
 pub(super) const FOLDERS_WITHOUT_EXAMPLES: &[(&str, &str)] =
     &[("crates/sdk/templates/", "contains placeholders; tested by `own_stage`")];
 

@@ -55,14 +55,14 @@ fn row(key: &KeyDescription) -> [String; 4] {
     [code(&key.name), default, allowed(key, code), meaning.join(" ")]
 }
 
-/// Returns the allowed values of a key: its names, or a range with its unit.
+/// Returns the allowed values of a key: the names, or the range with its unit.
 fn allowed(key: &KeyDescription, format_name: impl Fn(&str) -> String) -> String {
     let names: Vec<_> = key.values.iter().map(|(name, _)| format_name(&format!("{name:?}"))).collect();
     let parts = [key.allowed.as_str(), &names.join(", "), key.unit];
     parts.into_iter().filter(|part| !part.is_empty()).collect::<Vec<_>>().join(" ")
 }
 
-/// Returns the header of a section in TOML, empty for the top level.
+/// Returns the TOML header of a section; empty for the top level.
 fn header(section: &SectionDescription) -> String {
     match (section.path.as_str(), section.is_array) {
         ("", _) => String::new(),

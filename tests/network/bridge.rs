@@ -94,7 +94,8 @@ fn mavlink_bridge_matches_attitude_file_in_pymavlink() {
     assert!(beats.contains(&companion(ACTIVE)), "{report}");
     assert!(report["odometry"].as_u64().unwrap() >= 300 && report["unequal_odometry"] == 0, "{report}");
     assert_eq!((&report["unknown_is_nan"], &report["variances"]), (&json!(true), &json!(true)), "{report}");
-    // MAV_FRAME_LOCAL_FRD, because the course does not refer to true north; MAV_FRAME_BODY_FRD.
+    // The earth frame is MAV_FRAME_LOCAL_FRD, because the course does not refer to true north. The
+    // body frame is MAV_FRAME_BODY_FRD.
     assert_eq!(report["frames"], json!([[20, 12, 0, 0]]));
     assert_eq!((&report["positions"], &sent["fixes"]), (&json!([]), &json!(0)), "simulated fixes have no position");
     let number = |name: &str| report[name].as_f64().unwrap();
@@ -156,7 +157,7 @@ fn mavlink_bridge_sends_fixes_with_position_in_pymavlink() {
     let first_mm = number(&positions[0], "alt");
     for position in positions {
         let found = ["lat", "lon", "vx", "vy", "vz", "hdg"].map(|name| number(position, name));
-        // The heading is unknown, because north is.
+        // The heading is unknown, because the direction of north is unknown.
         assert_eq!(found, [481_000_000, -115_000_000, -200, 100, -50, 65_535], "{position}");
         assert_eq!(number(position, "relative_alt"), number(position, "alt") - first_mm, "{position}");
     }
@@ -187,7 +188,8 @@ fn ros_bridge_matches_attitude_file_in_rosbags() {
     println!("{sent}\n{report}");
 
     assert_eq!((&sent["invalid"], &sent["dropped"]), (&json!(0), &json!(0)), "{sent}");
-    // The hash in the key equals the one that rosbags computes from the message definition.
+    // The hash in the key equals the one that the Python package rosbags computes from the message
+    // definition.
     let of_type = format!("sensor_msgs::msg::dds_::Imu_/{}", report["hash"].as_str().unwrap());
     assert_eq!(report["key"], format!("7/imu/data/{of_type}"));
     let (tf, diagnostics) = (&report["tf"], &report["diagnostics"]);
@@ -227,7 +229,7 @@ fn ros_bridge_matches_attitude_file_in_rosbags() {
     assert!((number("force_m_s2") - 9.81).abs() < 0.1 && number("early_s") > 0.0, "{report}");
 }
 
-/// Type and hash of the magnetic field in keys and tokens.
+/// Type name and hash of `sensor_msgs/msg/MagneticField` in keys and liveliness tokens.
 const MAGNETIC_FIELD: &str =
     "sensor_msgs::msg::dds_::MagneticField_/RIHS01_e80f32f56a20486c9923008fc1a1db07bbb273cbbf6a5b3bfa00835ee00e4dff";
 
@@ -256,12 +258,12 @@ fn ros_bridge_publishes_field_in_tesla_without_tf() {
     assert!(MAGNETIC_FIELD.ends_with(mag["hash"].as_str().unwrap()), "{mag}");
     assert_eq!((&mag["complete"], &mag["numbers_follow"]), (&json!(true), &json!(true)), "{mag}");
     assert_eq!((&mag["frames"], &mag["covariance_is_unknown"]), (&json!(["body"]), &json!(true)), "{mag}");
-    // The simulated field points north and down, 20 and 44 µT.
+    // The simulated magnetic field has 20 µT to the north and 44 µT downwards.
     let [east, north, up] = [0, 1, 2].map(|axis| mag["mean_t"][axis].as_f64().unwrap());
     assert!((north - 20e-6).abs() < 2e-6 && (up + 44e-6).abs() < 2e-6 && east.abs() < 2e-6, "{mag}");
     assert!(mag["compared"].as_u64().unwrap() >= 20 && mag["spread_t"].as_f64().unwrap() < 5e-6, "{mag}");
-    // The simulated noise keeps the sensors from being flagged as stuck. The body passes the
-    // vertical, which causes a warning.
+    // The simulated noise keeps the sensors from being flagged as stuck. While the forward axis is
+    // near the vertical, the attitude has a warning.
     let attitude = assert_diagnostics(&report["diagnostics"]["statuses"], &system.name);
     assert!([json!(0), json!(1)].contains(&attitude["level"]), "{attitude}");
     let tokens = report["tokens"].as_array().unwrap();

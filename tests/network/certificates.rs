@@ -148,7 +148,7 @@ fn router_keeps_vehicles_from_impersonating_each_other() {
     let (alpha_running, forger_running) = (start(&alpha), start(&forger));
     wait_for("telemetry of alpha", || names(&vehicles(port, &viewer, "1")).contains(&"alpha"));
     // Clients of the forger's own gateway see the forger as beta. Clients of the router do not see
-    // it.
+    // the forger.
     let own = plumb(&["topic", "hz", "attitude", "--count", "10", "--remote", "beta", "--connect", &endpoint(&forger)]);
     assert!({ own }.output().unwrap().status.success());
     assert_eq!(names(&vehicles(port, &viewer, "3")), ["alpha"]);

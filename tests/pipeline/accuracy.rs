@@ -1,4 +1,5 @@
-//! Comparison with published filters, and conversion of BROAD: `benches/accuracy`.
+//! Tests of `benches/accuracy`: the comparison with published filters, and the conversion of the
+//! BROAD data set.
 use std::{
     path::Path,
     process::{Command, Output},
@@ -9,8 +10,8 @@ use serde_json::Value;
 use super::score::{folder_with, number, scores};
 use crate::common::python::python;
 
-/// Largest accepted difference between the errors of the package vqf and of the stage `vqf`,
-/// degrees. They differ in the sampling times that they assume.
+/// Largest accepted difference between the errors of the Python package vqf and of the stage `vqf`,
+/// degrees. Package and stage assume different sampling times.
 const MAX_VQF_DIFFERENCE_DEG: f64 = 0.01;
 const METRICS: [&str; 3] = ["total", "heading", "inclination"];
 

@@ -52,8 +52,8 @@ impl Recording {
         Self { rows: rows.collect(), fault_ends_s: FAULT_S }
     }
 
-    /// Applies `change` to each row during a fault. `change` also receives the last row before the
-    /// fault.
+    /// Applies `change` to each row during a fault. As its second argument, `change` receives the
+    /// last row before the fault.
     fn during(duration_s: f64, change: impl Fn(&mut Row, &Row)) -> Self {
         let mut recording = Self::clean();
         recording.fault_ends_s = FAULT_S + duration_s;
@@ -108,8 +108,8 @@ impl Recording {
         (run, errors.collect())
     }
 
-    /// Runs the system. Asserts its flags, and that the error is normal again within
-    /// `max_recovery_s` after the fault.
+    /// Runs the system. Asserts that its output has `flags`, and that the error is normal again
+    /// within `max_recovery_s` after the fault.
     fn assert_recovers(&self, what: &str, flags: &str, max_recovery_s: f64) {
         let (run, errors) = self.run(&[]);
         let bound_deg = 2.0 * clean_rmse_deg() + 0.05;

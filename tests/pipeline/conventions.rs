@@ -127,7 +127,7 @@ fn quaternion_and_angles_give_point_and_z() {
         for actual in [Attitude::from_quaternion(Quaternion::new(w, x, y, z)), Attitude::from_angles(angles)] {
             let expected = vector.attitude();
             assert!((actual.matrix() - vector.matrix()).amax() < TOLERANCE, "{}", vector.name);
-            // On the equator both charts are valid.
+            // Both charts are valid at an inclination of 90°.
             if (vector.inclination_rad - std::f64::consts::FRAC_PI_2).abs() > 1e-9 {
                 assert_eq!(actual.up.chart, expected.up.chart, "{}", vector.name);
                 assert!(

@@ -37,8 +37,8 @@ fn commands(message: &str) -> Vec<&str> {
     message.split('`').skip(1).step_by(2).collect()
 }
 
-/// Runs a line in a shell, in the folder of a system. `plumb` and the Python of the tests come
-/// first.
+/// Runs a line in a shell, in the folder of a system. The folders of `plumb` and of the tests'
+/// Python come first in `PATH`.
 fn shell(system: &System, line: &str) -> Output {
     let plumb = Path::new(env!("CARGO_BIN_EXE_plumb")).parent().map(Path::to_owned);
     let python = python::python().and_then(Path::parent).map(Path::to_owned);
@@ -49,7 +49,8 @@ fn shell(system: &System, line: &str) -> Output {
     command.env("XDG_STATE_HOME", system.folder.path()).output().unwrap()
 }
 
-/// Returns `true` if the first program of a command is installed. With `CI=1`, it must be.
+/// Returns `true` if the first program of a command is installed. If `CI` is set, the program must
+/// be installed.
 fn has_program(command: &str) -> bool {
     let name = command.split(' ').next().unwrap();
     let found = Command::new("sh").args(["-c", &format!("command -v {name}")]).output().unwrap().status.success();
@@ -60,7 +61,7 @@ fn has_program(command: &str) -> bool {
     found
 }
 
-/// Returns the message for a file that is not read.
+/// Returns the message about a file that all commands refuse to read.
 fn refusal(file: &Path) -> String {
     let messages = [&["info"][..], &["score"], &["up", "--in-process", "--replay"]].map(|arguments| {
         let output = plumb(arguments).arg(file).output().unwrap();
@@ -81,8 +82,8 @@ fn assert_read(file: &Path, arguments: &[&str]) {
     assert!(stdout.contains("100 samples at 100.0 Hz"), "{}: {stdout}{}", file.display(), text(&output.stderr));
 }
 
-/// Name of a file, its contents or the command that packs `a.csv` into it, and the file that its
-/// remedy yields.
+/// Name of a file, its origin, and the name of the file that the remedy creates. The origin is the
+/// contents of the file or the command that packs `a.csv` into it.
 type Case = (&'static str, Result<Vec<u8>, &'static str>, &'static str);
 
 #[test]
@@ -141,7 +142,7 @@ fn conversions_of_refused_formats_yield_readable_files() {
     }
 }
 
-/// Asserts that the first command of the remedy for a file reads its 100 readings.
+/// Asserts that the first command of the remedy for a file reads all 100 readings of the file.
 fn assert_remedy_reads(system: &System, file: &Path) {
     let message = refusal(file);
     let line = commands(&message)[0].replacen("plumb up", "plumb up --launch launch.toml --speed max --json", 1);

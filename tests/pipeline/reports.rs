@@ -128,7 +128,8 @@ fn text_of_loggers_is_read_from_standard_input() {
         let (ticks, code, stderr) = piped(&system, &contents, &source);
         assert_eq!((ticks, code), (rows, Some(0)), "{name}: {stderr}");
     }
-    // Bars, units in their own line, a final separator, and a counter of 16 bits that wraps.
+    // The columns are separated by bars, a line below the names contains the units, each row ends
+    // with a separator, and the time is a 16-bit counter that wraps.
     let row = |n: u32| format!("{}|0|0|{}|0|0|1|\n", (n * 20 + 60_000) % 65_536, n % 7);
     let contents = "ms|wx|wy|wz|fx|fy|fz\n[ms]|[deg/s]|[deg/s]|[deg/s]|[g]|[g]|[g]\n".to_owned();
     let contents = contents + &(0..400).map(row).collect::<String>();

@@ -1,5 +1,7 @@
-//! Live sources end to end. Attitudes are computed from bytes in device formats. If third-party
-//! encoders are installed, they produce these bytes. `plumb doctor` reports device faults.
+//! Live sources end to end.
+//!
+//! Attitudes are computed from bytes in device formats. If third-party encoders are installed, they
+//! produce these bytes. `plumb doctor` reports device faults.
 use std::{
     fs::{self, File, OpenOptions},
     io::{BufRead, BufReader, Read, Write},

@@ -64,7 +64,7 @@ fn body(file: &PathBuf) -> Option<Value> {
     serde_json::from_str(fs::read_to_string(file).ok()?.lines().nth(1)?).ok()
 }
 
-/// Replaces the body of the file and updates its checksum.
+/// Replaces the body of the state file and updates the file's checksum.
 fn rewrite(file: &PathBuf, body: &Value) {
     let body = format!("{body}\n");
     fs::write(file, format!("plumbline state 2 {:016x}\n{body}", hash(HASH_START, body.as_bytes()))).unwrap();

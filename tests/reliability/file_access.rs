@@ -69,8 +69,8 @@ fn run_as_other_user(line: &str) -> Option<Output> {
     Some(Command::new("sh").args(["-c", line]).current_dir("/").uid(OTHER_USER).gid(OTHER_USER).output().unwrap())
 }
 
-/// Returns the kinds of access that another user has to the files: read, write, lock, truncate or
-/// remove. The result is empty if that user has no access.
+/// Returns the kinds of access that another user has to the files of the system: read, write, lock,
+/// truncate or remove. The result is empty if that user has no access.
 ///
 /// No attempt creates a file. A file that its owner has just removed therefore does not count as
 /// accessible.

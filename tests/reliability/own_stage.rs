@@ -46,7 +46,8 @@ fn build_stage(system: &System, name: &str, compiler: &str, slot: &str) -> Strin
     format!("[\"{name}/{name}\"]")
 }
 
-/// Creates a system with a user-defined fuser next to its launch file.
+/// Creates a system, writes the fuser `my-fuser` to its folder and adds this stage to its launch
+/// file.
 fn system_with_stage(compiler: &str, rest: &str) -> System {
     let system = System::new("");
     let command = build_stage(&system, "my-fuser", compiler, "fuser");
@@ -128,8 +129,10 @@ fn stage_in_any_language_swaps_without_loss() {
     }
 }
 
-/// Runs the stage with the given arguments. Calls `end`, which may stop the system, and waits for
-/// the run to end. Returns its output, the number of ticks and the messages on standard error.
+/// Runs a system with the stage as its fuser and with these arguments.
+///
+/// Calls `end`, which may stop the system, and waits for the run to end. Returns the output file,
+/// the number of ticks and the messages on standard error.
 fn output_bytes(compiler: &str, arguments: &[&str], end: impl FnOnce(&System, &Running)) -> (Vec<u8>, usize, String) {
     let system = system_with_stage(compiler, &format!("{SIM}[fuser]\nstage = \"my-fuser\"\n"));
     let out = system.path("out.csv");
@@ -321,7 +324,7 @@ fn templates_in_all_languages_score_equally() {
         let scores: Value = serde_json::from_slice(&output.stdout).unwrap();
         assert!(scores["stages"][0]["ns_per_update"].as_f64().is_some_and(|ns| ns > 100.0), "{scores}");
     }
-    // The time suffices for a part of the checks of each group.
+    // Four seconds are enough for only some of the checks in each group.
     let mut short = plumb(&["stage", "test", "my-fuser", "--for", "4s", "--json", "--launch"]);
     let short = short.arg(python.path("launch.toml")).output().unwrap();
     let reports: Value = serde_json::from_slice(&short.stdout).unwrap();
@@ -481,8 +484,8 @@ fn program_errors_are_reported() {
     assert_eq!(output.status.code(), Some(2));
 }
 
-/// Build options. The mathematical crates are fully optimised, the conformance checks slightly, and
-/// all other crates not at all.
+/// Build options. The mathematical crates are fully optimised and the conformance checks slightly.
+/// All other crates are not optimised.
 const BUILD_OPTIONS: [&str; 5] = [
     "profile.release.package.'*'.opt-level=0",
     "profile.release.package.attitude.opt-level=3",

@@ -21,7 +21,7 @@ use plumbline_ahrs::{Ahrs, AhrsBuilder, BuildError, Slot, stages::Fuser};
 
 const INTERVAL: usize = 1000;
 
-/// Creates the filter with a stage in a slot, and the default stages in the others.
+/// Creates the filter with a stage in a slot, and the default stages in the other slots.
 fn filter(slot: Slot, stage: &str) -> Result<Ahrs<Fuser>, BuildError> {
     Ok(AhrsBuilder::new().fuser_stage(Slot::Fuser.stages()[0])?.stage(slot, stage)?.build())
 }

@@ -21,7 +21,7 @@ pub struct Endpoint(String);
 /// Error that prevents datagrams from being sent.
 #[derive(Debug, thiserror::Error)]
 pub enum DatagramError {
-    /// The text is not an endpoint.
+    /// The text does not have the form `udpout:HOST:PORT` with a port from 1 to 65535.
     #[error("invalid endpoint {text:?}: expected udpout:HOST:PORT, for instance udpout:127.0.0.1:14550")]
     InvalidEndpoint {
         /// Rejected text.

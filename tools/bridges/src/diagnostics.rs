@@ -14,7 +14,7 @@ use crate::{
 
 /// Time without an attitude after which the attitude is reported as stale, ns.
 pub const STALE_AFTER_NS: u64 = 1_000_000_000;
-/// Flags of attitudes that must not be used: they are initial values, or do not follow the motion.
+/// Flags of unusable attitudes. Such an attitude is an initial value or does not follow the motion.
 const ERRORS: Flags =
     Flags(Flags::UNALIGNED.0 | Flags::RESET.0 | Flags::RATE_INVALID.0 | Flags::RATE_STUCK.0 | Flags::GYRO_MISSING.0);
 
@@ -23,9 +23,10 @@ const ERRORS: Flags =
 pub enum Level {
     /// No problem.
     Ok = 0,
-    /// Restricted validity, or a service that starts.
+    /// The attitude has restricted validity, or the service is starting, restarting or reporting a
+    /// problem.
     Warn = 1,
-    /// Unusable attitude, or a service that does not work.
+    /// The attitude is unusable, or the service has failed or is silent.
     Error = 2,
     /// No recent attitude.
     Stale = 3,
@@ -109,7 +110,7 @@ pub fn service_status(service: &ServiceStatus) -> Status {
     let level = match service.state.raw() {
         "failed" | "silent" => Level::Error,
         "ready" | "running" | "finished" if diagnostics.is_empty() => Level::Ok,
-        // Starting, about to be restarted, or with problems of its input.
+        // The service is starting, is about to be restarted, or reports problems with its input.
         _ => Level::Warn,
     };
     let stage = service.stage.iter().map(|stage| ("stage", stage.to_string()));
@@ -122,7 +123,7 @@ pub fn service_status(service: &ServiceStatus) -> Status {
     }
 }
 
-/// Returns the status of a supervisor that does not answer. `cause` is the error of the request.
+/// Returns the status of a supervisor that does not respond. `cause` is the error of the request.
 pub fn silent_supervisor_status(cause: &dyn std::fmt::Display) -> Status {
     let name = format!("{NODE_NAME}: supervisor");
     Status { level: Level::Error, name, message: cause.to_string(), values: Vec::new() }

@@ -8,8 +8,8 @@
 //! - Time: `time_boot_ms` is the end of the sample's interval on the source's clock, ms modulo 2³².
 //!   ATTITUDE_QUATERNION and ATTITUDE of the same sample have the same value; `time_usec` of
 //!   ODOMETRY is the same time, µs.
-//! - Failure: fields with an unknown value have the value that the message definition (common.xml)
-//!   reserves for it. A fix without a complete position yields no message.
+//! - Failure: an unknown value is sent as the number that the message definition (common.xml)
+//!   reserves for unknown values. A fix without a complete position yields no message.
 
 use attitude::frames::{Earth, Frame};
 use decoders::mavlink::frame::{STX_V2, checksum};
@@ -40,10 +40,11 @@ const UNKNOWN_QUALITY: u8 = 0;
 const UNKNOWN_HEADING: u16 = u16::MAX;
 /// Number of entries in the upper right triangle of a covariance matrix of ODOMETRY.
 const COVARIANCE_LEN: usize = 21;
-/// Indices of the variances of roll, pitch and yaw in that triangle.
+/// Indices of the variances of roll, pitch and yaw in the upper right triangle of a covariance
+/// matrix.
 const ROTATION_VARIANCES: [usize; 3] = [15, 18, 20];
 
-/// Identifier and CRC seed of a message.
+/// Identifier and CRC seed of a message type.
 struct MessageKind {
     id: u16,
     crc_extra: u8,
@@ -128,7 +129,7 @@ impl MavlinkEncoder {
         self.encode(HEARTBEAT, &[0, 0, 0, 0, kind, autopilot, 0, status as u8, MAVLINK_VERSION])
     }
 
-    /// Encodes ATTITUDE_QUATERNION. The rotation for display is left unspecified.
+    /// Encodes ATTITUDE_QUATERNION. The optional field `repr_offset_q` is omitted.
     pub fn attitude_quaternion(&mut self, attitude: &MavlinkAttitude) -> Vec<u8> {
         self.encode(ATTITUDE_QUATERNION, &attitude.payload(&attitude.quaternion))
     }
@@ -209,7 +210,7 @@ impl MavlinkAttitude {
         }
     }
 
-    /// Returns the payload with time, `rotation` and rate.
+    /// Returns the payload that consists of time, `rotation` and body rate.
     fn payload(&self, rotation: &[f32]) -> Vec<u8> {
         let numbers = rotation.iter().chain(&self.rate_rad_s).flat_map(|number| number.to_le_bytes());
         self.time_boot_ms.to_le_bytes().into_iter().chain(numbers).collect()
@@ -220,9 +221,9 @@ impl MavlinkPosition {
     /// Converts a fix to MAVLink. Returns `None` if latitude, longitude, altitude or velocity is
     /// unknown.
     ///
-    /// The time is that of the velocity, if its age is known. `first_altitude_m` is the altitude of
-    /// the first fix that was sent, or `None` for that fix. `attitude` gives the heading, which is
-    /// known if its zero direction is true north.
+    /// The time is that of the velocity measurement, if the age of the velocity is known.
+    /// `first_altitude_m` is the altitude of the first fix that was sent, or `None` for that fix.
+    /// `attitude` gives the heading, which is known if its zero direction is true north.
     pub fn new(fix: &GnssFix, first_altitude_m: Option<f64>, attitude: Option<&MavlinkAttitude>) -> Option<Self> {
         let GnssFix { header, velocity_m_s, age_s, latitude_rad, longitude_rad, altitude_m, .. } = *fix;
         let needed = [latitude_rad, longitude_rad, altitude_m];

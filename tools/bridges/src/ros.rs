@@ -25,7 +25,7 @@ const DIAGNOSTIC_ARRAY_TYPE_AND_HASH: [&str; 2] = [
     "diagnostic_msgs::msg::dds_::DiagnosticArray_",
     "RIHS01_5a8a36efb05fb25070fa0fb3810290c0e6cd4862b54a8fb975a1ee8dc55a333e",
 ];
-/// QoS profile: reliable, volatile, history of 10. Defaults are omitted.
+/// QoS profile: reliable, volatile, history depth 10. Values that equal the defaults are omitted.
 const QOS: &str = "::,10:,:,:,,";
 /// Name of the node.
 pub const NODE_NAME: &str = "plumbline";

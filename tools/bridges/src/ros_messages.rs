@@ -3,8 +3,8 @@
 //! - Input: messages of the system in the native frame, and statuses.
 //! - Output: encoded messages of `sensor_msgs`, `tf2_msgs` and `diagnostic_msgs`.
 //! - Frames: REP 103 and REP 145. The orientation is that of the body axes forward, left, up in the
-//!   earth axes east, north, up. Rate, force and field are in forward, left, up; at rest the force
-//!   is +g upwards.
+//!   earth axes east, north, up. Body rate, specific force and magnetic field are in forward, left,
+//!   up; at rest the specific force is +g upwards.
 //! - Time: `stamp_ns` is in nanoseconds since 1970.
 
 use attitude::frames::{Body, Frame};
@@ -25,8 +25,8 @@ const TESLA_PER_UT: f64 = 1e-6;
 
 /// Encodes `sensor_msgs/msg/Imu`.
 ///
-/// Orientation and bias-corrected rate are estimates; the force is the calibrated measurement. Only
-/// the orientation has a known covariance.
+/// Orientation and bias-corrected rate are estimates; the specific force is the calibrated
+/// measurement. Only the orientation has a known covariance.
 ///
 /// # Errors
 ///
@@ -150,7 +150,8 @@ impl<'a> Header<'a> {
     }
 }
 
-/// Fields in the order of the definition. The quaternion is x, y, z, w.
+/// Message `sensor_msgs/msg/Imu`, with the fields in the order of the message definition. The
+/// quaternion is x, y, z, w.
 #[derive(Serialize)]
 struct Imu<'a> {
     header: Header<'a>,
@@ -167,7 +168,8 @@ struct TfMessage<'a> {
     transforms: &'a [TransformStamped<'a>],
 }
 
-/// Fields in the order of the definition. The quaternion is x, y, z, w.
+/// Message `geometry_msgs/msg/TransformStamped`, with the fields in the order of the message
+/// definition. The quaternion is x, y, z, w.
 #[derive(Serialize)]
 struct TransformStamped<'a> {
     header: Header<'a>,

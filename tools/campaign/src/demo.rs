@@ -162,7 +162,7 @@ fn tumble(system: &mut SystemUnderTest, show: &mut dyn FnMut(String)) -> Result<
     Ok(())
 }
 
-/// Returns the up direction as a point of the plane.
+/// Returns the up direction in body axes as a point of a chart.
 fn up_point(output: &AttitudeOutput) -> Option<Point> {
     Point::from_direction(attitude(output.quaternion).inverse() * Vector3::z())
 }
@@ -171,7 +171,7 @@ fn attitude([w, x, y, z]: [f64; 4]) -> UnitQuaternion<f64> {
     UnitQuaternion::new_unchecked(Quaternion::new(w, x, y, z))
 }
 
-/// Kills a service and shows the time to the first attitude of a sample taken after the kill.
+/// Kills a service and shows the time from the kill to the first attitude of a later sample.
 fn kill(system: &mut SystemUnderTest, service: Service, show: &mut dyn FnMut(String)) -> Result<(), CampaignError> {
     let next_tick = system.next_tick();
     let Some(at_ns) = system.kill(service) else {

@@ -48,8 +48,7 @@ pub struct KillCampaignReport {
     pub duplicated: u64,
     /// `true` if the output is byte-for-byte identical to that of an undisturbed run.
     pub same_bytes: bool,
-    /// Time from each kill to the first attitude computed from a sample that was taken after the
-    /// kill.
+    /// Time from each kill to the first attitude of a sample that was taken after the kill.
     pub recovery_ms: DistributionMs,
 }
 

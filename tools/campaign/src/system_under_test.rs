@@ -180,7 +180,7 @@ impl SystemUnderTest {
         kill_process(pid, Signal::KILL).ok().map(|()| at_ns)
     }
 
-    /// Returns the tick after that of the newest sample.
+    /// Returns the tick that follows the tick of the newest sample.
     pub(crate) fn next_tick(&self) -> u64 {
         self.bus.next_tick(graph::Topic::Imu.entry())
     }
@@ -208,7 +208,7 @@ impl SystemUnderTest {
     }
 }
 
-/// Process of the system with its folder. On drop, the system is ended.
+/// Process of the system, and the system's folder. The process is terminated on drop.
 struct SystemProcess {
     child: Child,
     folder: TempDir,

@@ -1,8 +1,9 @@
 //! Time for the checks of a stage. Checks that do not fit into the time are left out and counted.
 //!
-//! Each group of checks gets an equal share of the time that is left, so that a slow stage is
-//! checked in every respect. The first check of a group runs even if the share is used up, unless
-//! the time for all checks is used up. The first case of a check that runs is never left out.
+//! Each group of checks gets an equal share of the remaining time, so that every group runs some
+//! checks even if the stage is slow. The first check of a group runs even if the share of the group
+//! is used up, unless the time for all checks is used up. A check that runs always includes its
+//! first case.
 
 use std::{
     cell::Cell,
@@ -44,7 +45,7 @@ impl<'a> Budget<'a> {
         self.left_out.get()
     }
 
-    /// Returns `true` if a check may start. Otherwise it is counted as left out.
+    /// Returns `true` if there is time for a check. Otherwise, counts the check as left out.
     pub(crate) fn starts(&self, name: &str) -> bool {
         let is_first = self.started.get() == 0;
         let starts = !is_over(self.end) && (is_first || !is_over(self.group_end.get()));
@@ -57,7 +58,7 @@ impl<'a> Budget<'a> {
         starts
     }
 
-    /// Adds the check of a property, if it may start.
+    /// Checks a property and adds the result to `checks`, if there is time for the check.
     pub(crate) fn check_property(
         &self,
         checks: &mut Vec<Check>,

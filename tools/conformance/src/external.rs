@@ -24,8 +24,8 @@ const STEP_INTERVAL: Duration = Duration::from_millis(1);
 
 /// Checks an external program as the stage `name` of its slot.
 ///
-/// Checks for which `time` does not suffice are left out; `None` is no limit. `on_check` receives
-/// the name of each check before it runs. The timeout for each response is the start timeout of a
+/// Checks that do not fit into `time` are left out; `None` means no limit. `on_check` receives the
+/// name of each check before it runs. The timeout for each response is the start timeout of a
 /// program.
 ///
 /// # Errors

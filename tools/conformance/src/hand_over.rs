@@ -64,7 +64,7 @@ fn step_all<L: SlotSpec, S: SlotStage<L>>(stage: &mut S, inputs: &[(usize, L::In
 }
 
 /// Returns the inclination RMSE after settling, degrees, of a stage that processes all inputs
-/// without a hand-over. Returns 0 if the slot has no exact level.
+/// without a hand-over. Returns 0 if stages of the slot need not report the exact inclination.
 fn undisturbed_rmse_deg<L: SlotSpec, S: SlotStage<L>>(mut stage: S, inputs: &[(usize, L::Input)]) -> f64 {
     if L::HAS_EXACT_LEVEL { run_to_end::<L, S>(&mut stage, inputs, "without hand-over").rmse_deg } else { 0.0 }
 }

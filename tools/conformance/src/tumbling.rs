@@ -14,7 +14,7 @@ use crate::{
 const RATE_RAD_S: f64 = 4.0;
 const SAMPLE_RATE_HZ: f64 = 200.0;
 const DURATION_S: f64 = 20.0;
-/// Smallest number of changes of the chart, about all axes together.
+/// Minimum number of chart changes, counted over the rotations about all axes.
 const MIN_CHART_CHANGES: u64 = 50;
 /// Largest ratio of an attitude step to the body's rotation in one tick.
 const MAX_STEP_FACTOR: f64 = 1.5;

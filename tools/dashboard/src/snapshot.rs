@@ -17,7 +17,7 @@ pub struct Snapshot {
     pub name: String,
     /// State of the data.
     pub state: DataState,
-    /// Figures of the system as a whole.
+    /// Key figures of the system.
     pub figures: Figures,
     /// Newest attitude, if any.
     pub attitude: Option<Attitude>,

@@ -9,7 +9,7 @@ pub const SAMPLE_INTERVAL: Duration = Duration::from_millis(500);
 /// Number of values kept: one minute.
 const MAX_SAMPLES: usize = 120;
 
-/// Figures of a system as a whole. A figure is `None` if it is unknown.
+/// Key figures of a system. A figure is `None` if it is unknown.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub struct Figures {
     /// Newest tick.

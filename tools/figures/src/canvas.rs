@@ -9,7 +9,7 @@ pub type DrawResult = Result<(), Box<dyn Error + Send + Sync>>;
 /// Area of a canvas.
 pub type Area<B> = DrawingArea<B, Shift>;
 
-/// A drawing.
+/// Drawing that can be rendered on any drawing backend.
 pub trait Draw {
     /// Draws over the whole area.
     fn draw<B: DrawingBackend>(&self, area: &Area<B>) -> DrawResult
