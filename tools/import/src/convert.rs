@@ -32,16 +32,17 @@ const PROGRESS_INTERVAL_SAMPLES: u64 = 1024;
 /// wrong or that gravity has been removed.
 const PLAUSIBLE_MEAN_FORCE_M_S2: std::ops::Range<f64> = 7.0..14.0;
 
-/// Plausible range of the mean field, µT. Iron in the vehicle can remove two thirds of the Earth's
-/// field, 22 to 67 µT, or add three times as much.
+/// Plausible range of the mean magnetic field, µT. Iron in the vehicle can remove two thirds of the
+/// Earth's field, 22 to 67 µT, or add three times as much.
 const PLAUSIBLE_MEAN_FIELD_UT: std::ops::Range<f64> = 8.0..240.0;
 
-/// Minimum number of field samples for a check of their magnitude. Fewer may all be disturbed.
+/// Minimum number of magnetometer samples for a check of their magnitude. Fewer samples may all be
+/// disturbed.
 const MIN_FIELD_SAMPLES: u64 = 50;
 
-/// Remedy for text without increasing times.
+/// Remedy for text in which the times never increase.
 const CONSTANT_TEXT_TIMES: &str = "map another column with --map, or state the rate and read the text as a stream, as with `plumb up --source 'stdin?rate_hz=100' < FILE`";
-/// Remedy for a log without increasing times.
+/// Remedy for a log in which the times never increase.
 const CONSTANT_LOG_TIMES: &str = "set the clock of the program that writes the log";
 
 /// Progress of an import.
@@ -94,11 +95,7 @@ pub fn plain_recording_range_ns(path: &Path) -> Option<[i64; 2]> {
     }
 }
 
-/// Returns a note if no fix of the file is within the times of the rows.
-///
-/// # Errors
-///
-/// Returns an error if the fixes cannot be read.
+/// Returns a note if no fix of the file is within the time range of the rows.
 pub fn note_fixes_outside(fixes: &Path, rows_ns: [i64; 2]) -> Result<Option<Note>, ImportError> {
     Ok(outside("fixes", gnss::range_ns(fixes)?, rows_ns))
 }
@@ -108,7 +105,7 @@ fn outside(what: &'static str, series_ns: [i64; 2], rows_ns: [i64; 2]) -> Option
     is_outside.then_some(Note::NoOverlap { what, series_ns, rows_ns })
 }
 
-/// Returns a note if no sample of a series is within the times of the rows.
+/// Returns a note if no sample of a series is within the time range of the rows.
 fn outside_rows<T: Timed>(
     what: &'static str,
     samples: Samples<'_, T>,
@@ -123,7 +120,7 @@ fn outside_rows<T: Timed>(
     Ok(series_ns.and_then(|series_ns| outside(what, series_ns, rows_ns)))
 }
 
-/// Returns the common format of all files, which must be supported and match the options.
+/// Returns the format that all files have in common. It must be supported and match the options.
 fn common_format(paths: &[PathBuf], options: &Options) -> Result<Format, ImportError> {
     let mut first = None;
     for path in paths {
@@ -155,7 +152,9 @@ fn common_format(paths: &[PathBuf], options: &Options) -> Result<Format, ImportE
     first.ok_or(ImportError::NoFiles)
 }
 
-/// Returns the name of the folder into which a file is converted, or the folder itself.
+/// Returns the name of a folder for converted data, quoted for the shell.
+///
+/// For a file, this is its name without the extension; for a folder, its unchanged name.
 fn folder_name(path: &Path) -> String {
     let folder = if path.is_dir() { path.to_owned() } else { path.with_extension("") };
     quoted(&folder.to_string_lossy())
@@ -180,7 +179,7 @@ fn open_source<'a>(
     })
 }
 
-/// Returns the format of text with this mapping.
+/// Returns the format of text. With an explicit mapping, this is always CSV.
 fn common_text_format(format: Format, mapping: &Mapping) -> Format {
     if mapping.is_explicit() { Format::Csv } else { format }
 }
@@ -295,7 +294,7 @@ fn import(
         sensors: survey.sensors,
         ..summary(source.format(), &mut rows, &aligner, notes)
     };
-    // The fixes are completed first, so that the recording never appears without them.
+    // The fixes file is completed first, so that the recording never appears without its fixes.
     rows.into_writer().finish()?;
     Ok(summary)
 }
@@ -426,7 +425,7 @@ fn summary(format: Format, rows: &mut RowWriter, aligner: &ForceAligner, mut not
     }
 }
 
-/// Returns a note if the magnetometer is dead, or if its unit is wrong.
+/// Returns a note if the magnetometer is dead or the unit of its samples is wrong.
 ///
 /// `factor` converts the numbers of the source to µT; `None` if `--units` does not apply to them.
 fn field_note(rows: &RowWriter<'_>, factor: Option<f64>) -> Option<Note> {
@@ -452,8 +451,9 @@ fn fixes_path(out: &Path) -> PathBuf {
     })
 }
 
-/// Checks that no fixes file of another recording exists next to the new recording, which has no
-/// fixes. Those fixes would otherwise be read with the new recording.
+/// Checks that no fixes file exists next to a new recording without fixes.
+///
+/// A fixes file of another recording would otherwise be read with the new recording.
 fn check_no_stale_fixes(out: &Path) -> Result<(), ImportError> {
     match gnss::find_for(out) {
         Some(fixes) => Err(ImportError::StaleFixes { path: out.to_owned(), fixes }),

@@ -32,9 +32,9 @@ use crate::{
 const GZIP_MAGIC: &[u8] = b"\x1f\x8b";
 const BUFFER_BYTES: usize = 1 << 16;
 const MAX_LINE_BYTES: usize = 1 << 16;
-/// Description of a time that can be read.
+/// Expected range of a time, for error messages.
 const TIME_EXPECTED: &str = "less than 9e9 s; set another unit with --units";
-/// Description of the text of a time.
+/// Expected text of a time, for error messages.
 const TIME_TEXT_EXPECTED: &str =
     "a number, a time of day such as 13:05:00.02 or a date such as 2026-05-01T13:05:00.02Z";
 /// Maximum number of lines before the first row.
@@ -116,7 +116,7 @@ impl CsvReader {
         self.lines.damage.as_ref()
     }
 
-    /// Returns a note if the file ends within a row, after its last number or inside it.
+    /// Returns a note if the last row has no line end, because its last number may be truncated.
     pub(crate) fn unended_row(&self) -> Option<Note> {
         self.lines.unended_row.map(|line| Note::UnendedRow { line })
     }
@@ -134,10 +134,10 @@ type Start = (Option<Header>, (u64, String));
 
 /// Reads the lines up to the first row. Returns the column names, if present, and the first row.
 ///
-/// The names are in the last line before the first row, comments not counted. If that line has
-/// another number of fields than the row, the names are in the last comment with as many fields as
-/// the row, if there is one. A line of units may follow the names. If no line is a row, the first
-/// two lines are used.
+/// The names are in the last line before the first row that is not a comment. If that line and the
+/// row differ in their number of columns, the names are in the last comment that has as many
+/// columns as the row, if any. The names may be followed by a line with their units. If no line is
+/// a row, the first two lines are used.
 fn read_start(path: &Path, lines: &mut Lines) -> Result<Start, ImportError> {
     let line_position = |line| TextPosition { line, column: None, name: None };
     let (mut comments, mut headers, mut error) = (Vec::new(), Vec::new(), None);
@@ -151,7 +151,7 @@ fn read_start(path: &Path, lines: &mut Lines) -> Result<Start, ImportError> {
                 let last_fitting = |lines: &[String]| {
                     let last = lines.iter().rposition(fits)?;
                     let separator = Separator::common(&[&lines[last], &text])?;
-                    // If this line holds the units, the names are in the line before it.
+                    // If this line contains the units, the names are in the line before.
                     let before = last.checked_sub(1).filter(|before| {
                         let [names, units] = [*before, last].map(|index| separator.fields(&lines[index]));
                         names_with_units(&names, &units).is_some()
@@ -208,7 +208,7 @@ pub(crate) struct CsvRecord<'a> {
 }
 
 impl CsvRecord<'_> {
-    /// Returns the numbers in these columns; `None` if one of them is blank or NaN.
+    /// Returns the numbers in these columns; `None` if a number is blank or NaN.
     pub(crate) fn numbers<const N: usize>(&self, indices: [usize; N]) -> Result<Option<[f64; N]>, ImportError> {
         let mut values = [f64::NAN; N];
         let fields = self.fields();
@@ -319,8 +319,8 @@ impl Lines {
         Ok(Self { path: path.to_owned(), inner, end, is_before_rows: true, line: 0, damage: None, unended_row: None })
     }
 
-    /// Returns the next line, or `None` at the end of the file or at the damaged part of a
-    /// compressed file. After an error, the next call continues with the next line.
+    /// Returns the next line, or `None` at the end of the file or at damage in a compressed file.
+    /// After an error, the next call continues with the next line.
     fn next(&mut self) -> Result<Option<(u64, OwnedLine)>, ImportError> {
         let mut text = Vec::new();
         while self.damage.is_none() {
@@ -335,7 +335,7 @@ impl Lines {
                         _ => cause.to_string(),
                     };
                     self.damage = Some(format!("line {}: {found}", self.line).into());
-                    // The part of the line before the damage has no end.
+                    // The text before the damage is an incomplete line and is discarded.
                     return Ok(None);
                 }
             };
@@ -365,7 +365,7 @@ impl Lines {
         Ok(None)
     }
 
-    /// Reads a line. Returns its length, and `true` if it has an end. The bytes beyond
+    /// Reads a line. Returns its length, and `true` if the line has an end. Bytes after the first
     /// [`MAX_LINE_BYTES`] are discarded.
     fn read_line(&mut self, text: &mut Vec<u8>) -> io::Result<(usize, bool)> {
         let mut length = 0;

@@ -162,8 +162,8 @@ impl Source for CsvSource {
         self.format
     }
 
-    /// Returns the number of bytes to read: the headers, each file once for the survey, then the
-    /// file of each column group once.
+    /// Returns the number of bytes to read. The headers are read first, then each file once for the
+    /// survey, then the file of each column group once.
     fn total_bytes(&self) -> u64 {
         self.length_bytes
     }
@@ -241,7 +241,7 @@ impl Source for CsvSource {
         let (digits, mapping, groups) = (self.mapping.time_digits(), &self.mapping, &self.groups);
         if groups.rate.path == groups.force.path {
             let force = groups.force.indices;
-            // A row may have only one of the two vectors.
+            // A row may contain only a rate or only a force.
             return Ok(Motion::Joint(self.files.rows(&groups.rate.path, groups.rate.time, digits, {
                 let rate = groups.rate.indices;
                 move |record, t_ns| {
@@ -289,7 +289,8 @@ struct ColumnGroups {
 }
 
 impl ColumnGroups {
-    /// Returns the file and the index of each column that holds a time, rate, force or field.
+    /// Returns the file and the index of each column that is mapped to `target`: a time, or a
+    /// component of rate, force or magnetic field.
     fn columns(&self, target: &str) -> Vec<(&Path, usize)> {
         let vectors = [(RATE, Some(&self.rate)), (FORCE, Some(&self.force)), (FIELD, self.field.as_ref())];
         let vectors = vectors.into_iter().filter_map(|(targets, group)| Some((targets, group?)));
@@ -369,8 +370,8 @@ impl CsvFiles {
 
     /// Resolves the columns of a mapping.
     ///
-    /// A mapping that was not given by the user applies to the columns that exist. Their names
-    /// must then be those of a recording or name a quantity, such as `gyro_x (deg/s)`.
+    /// The default mapping applies to the columns that exist. Their names must then be those of a
+    /// recording or describe a quantity, such as `gyro_x (deg/s)`.
     fn column_groups(&self, mapping: &Mapping) -> Result<ColumnGroups, ImportError> {
         let path = self.columns.first().map(|(path, _)| path.clone()).unwrap_or_default();
         self.resolve(mapping).map_err(|error| match error {
@@ -388,8 +389,8 @@ impl CsvFiles {
         })
     }
 
-    /// Returns the error of a single file that has most columns of a recording and a mistake in a
-    /// name.
+    /// Returns the error of a recording with a misspelt column name. The input must be a single
+    /// file that has most columns of a recording.
     fn recording_error(&self) -> Option<RecordingError> {
         let [(path, names)] = &self.columns[..] else { return None };
         let known = RECORDING_COLUMNS.iter().filter(|known| names.iter().any(|name| name.raw() == **known)).count();
@@ -399,8 +400,8 @@ impl CsvFiles {
         recording::Reader::open(path).err().filter(RecordingError::suggests_name)
     }
 
-    /// Returns the value of `--map` for these files: the first column that may hold each target.
-    /// `COLUMN` stands for a required column that is not recognised.
+    /// Returns a value of `--map` for these files. It contains the first column that may hold each
+    /// target, and `COLUMN` for a required column that is not recognised.
     fn map_line(&self, mapping: &Mapping) -> ForeignText {
         let names = || self.columns.iter().flat_map(|(_, names)| names).map(ForeignText::raw);
         let column = |target: &str| {
@@ -439,7 +440,7 @@ impl CsvFiles {
         Ok(ColumnGroups { rate, force, field, reference, velocity, scored })
     }
 
-    /// Returns the samples of a group in file order.
+    /// Returns the samples of a column group in file order.
     ///
     /// Rows for which `convert` returns `None` and malformed rows are skipped.
     fn samples<'a, const N: usize, T: 'a>(

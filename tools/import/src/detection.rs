@@ -19,7 +19,7 @@ use crate::{
 const PREFIX_BYTES: u64 = 4096;
 
 const GZIP_MAGIC: &[u8] = b"\x1f\x8b";
-/// First bytes of a DataFlash log, which starts with the FMT message that describes FMT messages.
+/// First bytes of a DataFlash log. The log starts with the FMT message that describes FMT messages.
 const ARDUPILOT_MAGIC: &[u8] = &[0xa3, 0x95, 0x80];
 const MAGIC_NUMBERS: [(&[u8], Format); 19] = [
     (b"ULog\x01\x12\x35", Format::Ulog),
@@ -152,7 +152,7 @@ fn is_ardupilot_format(line: &[u8]) -> bool {
         && is_next(u8::is_ascii_alphabetic)
 }
 
-/// Returns `true` for an object or an array of JSON.
+/// Returns `true` for a JSON object or array.
 fn is_json(start: &[u8]) -> bool {
     let text = start.trim_ascii_start();
     let inner = text.get(1..).map(<[u8]>::trim_ascii_start).and_then(<[u8]>::first);
@@ -191,7 +191,7 @@ fn is_witmotion(start: &[u8]) -> bool {
     frames.len() == 2 && frames.all(is_frame)
 }
 
-/// Returns `true` for sentences of NMEA 0183.
+/// Returns `true` for NMEA 0183 sentences.
 fn is_nmea(start: &[u8]) -> bool {
     let sentence = start.split(|byte| *byte == b'\n').next().unwrap_or_default().trim_ascii();
     let is_name = |name: &[u8]| name.len() == 5 && name.iter().all(u8::is_ascii_uppercase);

@@ -281,7 +281,7 @@ pub enum ImportError {
     UnknownSensor {
         /// Path of the file.
         path: PathBuf,
-        /// Option that requested it.
+        /// Option that requested the sensor.
         what: &'static str,
         /// Number of the requested sensor.
         found: usize,
@@ -394,7 +394,7 @@ pub(crate) fn excerpt(bytes: &[u8]) -> String {
     format!("{:?}", String::from_utf8_lossy(bytes).chars().take(40).collect::<String>())
 }
 
-/// Returns a word for the shell. Control characters are escaped.
+/// Quotes a text as a single shell word and escapes control characters.
 pub(crate) fn quoted(text: &str) -> String {
     let is_plain = |found: char| found.is_ascii_alphanumeric() || "_-.,:=/".contains(found);
     let text = ForeignText::from(text).to_string();

@@ -4,8 +4,8 @@
 //!
 //! Output: every rate sample with the force interpolated at its time, in time order.
 //!
-//! Time: between two force samples that are close to each other, the force is interpolated
-//! linearly. Otherwise the nearest sample is used if it is very close.
+//! Time: between two force samples that are close in time, the force is interpolated linearly.
+//! Otherwise, the nearest sample is used if it is very close in time.
 //!
 //! Failure: unusable samples are skipped and counted.
 
@@ -18,8 +18,8 @@ use crate::{
 
 /// Maximum gap between two force samples across which the force is interpolated, ns.
 const MAX_INTERPOLATION_GAP_NS: u64 = 200_000_000;
-/// Maximum time between a rate sample and the nearest force sample, ns. It applies if interpolation
-/// is not possible and the force is used unchanged.
+/// Maximum time between a rate sample and the nearest force sample, ns. The limit applies if
+/// interpolation is not possible, so that the nearest force is used unchanged.
 const MAX_HOLD_NS: u64 = 20_000_000;
 /// Maximum number of rate samples waiting for a later force sample.
 const MAX_PENDING: usize = 1024;
@@ -66,7 +66,7 @@ impl ForceAligner {
         self.release(rows, false)
     }
 
-    /// Passes on the rate samples that remain after the last force sample.
+    /// Writes the rate samples that remain after the last force sample.
     pub(crate) fn finish(&mut self, rows: &mut RowWriter) -> Result<(), ImportError> {
         while !self.pending.is_empty() {
             self.release(rows, true)?;
@@ -74,8 +74,8 @@ impl ForceAligner {
         Ok(())
     }
 
-    /// Passes on the rate samples up to the time of the last force sample. If `must_release_one` is
-    /// set, at least one sample is passed on.
+    /// Writes the rate samples up to the time of the last force sample. If `must_release_one` is
+    /// set, at least one sample is written.
     fn release(&mut self, rows: &mut RowWriter, mut must_release_one: bool) -> Result<(), ImportError> {
         let last_ns = self.last_force.map(|(last_ns, _)| last_ns);
         while let Some((t_ns, rate)) = self.pending.pop_front_if(|(t_ns, _)| must_release_one || Some(*t_ns) <= last_ns)

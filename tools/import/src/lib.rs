@@ -30,7 +30,7 @@
 //! | `tlog` | MAVLink messages of a telemetry log |
 //! | `timeline` | wraps and restarts of a clock |
 //! | `force_aligner` | force interpolated at the times of the rate samples |
-//! | `row_writer` | field and reference merged into the rows |
+//! | `row_writer` | magnetic field and reference merged into the rows |
 #![forbid(unsafe_code)]
 
 mod bag;

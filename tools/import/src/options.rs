@@ -9,7 +9,8 @@ pub struct Options {
     pub mapping: Option<Mapping>,
     /// Topics to read if several contain the same quantity. Allowed only for bags and MCAP files.
     pub topics: Vec<String>,
-    /// Number of the inertial sensor to read, from 0; the first that works if `None`.
+    /// Number of the inertial sensor to read, from 0. If `None`, the first sensor that works is
+    /// read.
     pub imu: Option<usize>,
     /// Number of the magnetometer to read, from 0.
     pub mag: Option<usize>,

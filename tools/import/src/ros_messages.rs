@@ -11,7 +11,7 @@
 
 use crate::bag::ros::{self, Convention};
 
-/// Sample of rate and force.
+/// Sample of body rate and specific force in native axes.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Imu {
     /// Time from `header.stamp`, ns.
@@ -28,7 +28,7 @@ pub fn imu(data: &[u8]) -> Option<Imu> {
     Some(Imu { t_ns: inertial.t_ns, rate_rad_s: inertial.rate_rad_s?, force_m_s2: inertial.force_m_s2? })
 }
 
-/// Decodes a `sensor_msgs/msg/MagneticField` and returns the field, µT.
+/// Decodes a `sensor_msgs/msg/MagneticField` and returns the magnetic field in native axes, µT.
 pub fn field_ut(data: &[u8]) -> Option<[f64; 3]> {
     ros::field(data, &Convention::default()).map(|(_, field_ut)| field_ut)
 }

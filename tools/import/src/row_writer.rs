@@ -1,13 +1,14 @@
-//! Writes the rows, with field and reference merged in by time.
+//! Writes the rows of a recording, with magnetic field and reference merged in by time.
 //!
-//! Input: rate and force row by row, and field and reference samples in time order.
+//! Input: rate and force row by row; magnetic field and reference samples in time order.
 //!
 //! Output: the recording.
 //!
-//! Time: each field sample is written to the nearest row only. The reference is interpolated
-//! between two samples that are close to each other.
+//! Time: each magnetic field sample is written to the nearest row only. The reference is
+//! interpolated between two samples that are close in time.
 //!
-//! Failure: errors of the output file and of the field and reference sources.
+//! Failure: an error if the output cannot be written, or if the magnetic field or reference cannot
+//! be read.
 
 use std::iter::Peekable;
 
@@ -15,28 +16,28 @@ use recording::{Reference, Row, Writer, rotated};
 
 use crate::ImportError;
 
-/// Time in ns and vector of a sample.
+/// Time, ns, and vector of a sample.
 pub(crate) type Sample = (i64, [f64; 3]);
 
-/// Maximum distance between a field sample and its row, ns.
+/// Maximum time between a magnetic field sample and its row, ns.
 const MAX_FIELD_DISTANCE_NS: u64 = 50_000_000;
 /// Maximum gap between two reference attitudes across which the reference is always interpolated,
 /// ns.
 const MAX_REFERENCE_GAP_NS: u64 = 60_000_000;
-/// Maximum gap between two reference attitudes across which the reference is interpolated if the
-/// rotation between them is small, ns. It allows for references at 1 Hz. A reference with such gaps
-/// is called slow.
+/// Maximum gap in a slow reference across which the reference is interpolated, ns.
+///
+/// A reference is slow if its gaps are longer than [`MAX_REFERENCE_GAP_NS`]. It is interpolated
+/// only if the rotation during the gap is small. The limit allows for references at 1 Hz.
 const MAX_SLOW_REFERENCE_GAP_NS: u64 = 1_100_000_000;
 /// Cosine of half the largest rotation across which a slow reference is interpolated: 5°.
 const MIN_HALF_ROTATION_COS: f64 = 0.999_048_221_581_857_8;
-/// Maximum number of attitudes that are read to judge a series.
+/// Maximum number of attitudes that are read to determine whether a reference is slow and calm.
 const MAX_JUDGED_ATTITUDES: usize = 10_000;
-/// Minimum number of attitudes for recognising a series that is not slow.
+/// Minimum number of attitudes for recognising a reference that is not slow.
 const MIN_JUDGED_ATTITUDES: usize = 100;
-/// Maximum share of large rotations in a slow series that is interpolated.
+/// Maximum share of large rotations up to which a slow reference is interpolated.
 ///
-/// If only the calm parts of a motion were interpolated, they would outweigh the others in the
-/// errors.
+/// If only the calm parts of a motion were interpolated, they would dominate the error statistics.
 const MAX_LARGE_ROTATION_SHARE: f64 = 0.01;
 /// Maximum number of row intervals from which the median interval is computed.
 const MAX_MEDIAN_INTERVALS: usize = 100_000;
@@ -60,8 +61,8 @@ pub(crate) struct Attitude {
 /// Samples of a series that is merged into the rows.
 pub(crate) type Samples<'a, T> = Box<dyn Iterator<Item = Result<T, ImportError>> + 'a>;
 
-/// Minimum number of equal field samples at which a magnetometer counts as dead. The noise of a
-/// working magnetometer exceeds its resolution.
+/// Minimum number of equal magnetic field samples for a magnetometer to count as dead. The noise of
+/// a working magnetometer exceeds its resolution.
 const MIN_CONSTANT_FIELDS: u64 = 500;
 
 pub(crate) struct RowWriter<'a> {
@@ -73,9 +74,9 @@ pub(crate) struct RowWriter<'a> {
     interpolates_slow: bool,
     /// Newest attitude before the current row.
     previous_attitude: Option<Attitude>,
-    /// Last row. It is held back because a field sample that arrives later may be nearest to it.
+    /// Last row. It is held back because a later magnetic field sample may be nearest to this row.
     pending: Option<Row>,
-    /// Time between the pending row and its field sample, ns.
+    /// Time between the pending row and its magnetic field sample, ns.
     pending_distance_ns: u64,
     intervals_ns: Vec<u64>,
     force_sum_m_s2: f64,
@@ -88,10 +89,10 @@ pub(crate) struct RowWriter<'a> {
     /// `true` once a magnetic field has differed from the first one.
     field_varies: bool,
     pub(crate) reference_rows: u64,
-    /// Number of field samples with non-increasing timestamps.
+    /// Number of magnetic field samples with non-increasing timestamps.
     pub(crate) fields_out_of_order: u64,
-    /// Number of field samples discarded because no row was near enough or another sample was
-    /// nearer to the row.
+    /// Number of magnetic field samples discarded because no row was near enough in time, or
+    /// because another sample was nearer to the row.
     pub(crate) fields_unmatched: u64,
     /// Number of attitudes with non-increasing timestamps.
     pub(crate) attitudes_out_of_order: u64,
@@ -148,7 +149,7 @@ impl<'a> RowWriter<'a> {
         self.write_pending(Some(row))
     }
 
-    /// Assigns the remaining field samples and writes the last row.
+    /// Assigns the remaining magnetic field samples and writes the last row.
     pub(crate) fn finish(&mut self) -> Result<(), ImportError> {
         self.assign_fields(None)?;
         self.write_pending(None)
@@ -171,8 +172,10 @@ impl<'a> RowWriter<'a> {
         self.force_sum_m_s2 / self.rows as f64
     }
 
-    /// Returns the geometric mean of the magnitude of the field, µT, which a few disturbed samples
-    /// hardly change; NaN without a field.
+    /// Returns the geometric mean of the magnitude of the magnetic field, µT; NaN without
+    /// a magnetometer.
+    ///
+    /// A few disturbed samples hardly change the geometric mean.
     pub(crate) fn mean_field_ut(&self) -> f64 {
         (self.field_log_sum / self.field_rows as f64).exp()
     }
@@ -191,15 +194,16 @@ impl<'a> RowWriter<'a> {
         1e9 / median_ns as f64
     }
 
-    /// Assigns to the pending row the field samples that are nearer to it than to the next row.
+    /// Assigns to the pending row the magnetic field samples that are nearer in time to this row
+    /// than to the next row.
     fn assign_fields(&mut self, next_ns: Option<i64>) -> Result<(), ImportError> {
         let pending_ns = self.pending.map(|row| row.t_ns);
         loop {
             let belongs_to_pending = |t_ns: i64| match (pending_ns, next_ns) {
                 (Some(pending_ns), Some(next_ns)) => t_ns.abs_diff(pending_ns) <= t_ns.abs_diff(next_ns),
                 (Some(_), None) => true,
-                // Before the first row, samples that are too far from it are discarded here. Nearer
-                // samples are kept until that row is pending.
+                // Before the first row, samples that are too long before that row are discarded
+                // here. Later samples are kept until the row is pending.
                 (None, Some(next_ns)) => t_ns < next_ns && t_ns.abs_diff(next_ns) > MAX_FIELD_DISTANCE_NS,
                 (None, None) => true,
             };
@@ -241,8 +245,9 @@ impl<'a> RowWriter<'a> {
 
     /// Returns the reference at the time of a row.
     ///
-    /// The attitudes before and after the row are interpolated if the rotation between them is
-    /// small. Otherwise an attitude since the previous row is propagated to the row with the rate.
+    /// If [`is_interpolated`] returns `true`, interpolates between the attitudes before and after
+    /// the row. Otherwise, an attitude that is later than the previous row is rotated with the body
+    /// rate up to the time of this row.
     fn reference_at(
         &mut self,
         previous_ns: Option<i64>,
@@ -285,7 +290,7 @@ fn length(vector: [f64; 3]) -> f64 {
     vector.iter().map(|part| part * part).sum::<f64>().sqrt()
 }
 
-/// Returns `true` if the reference is interpolated between two attitudes.
+/// Returns `true` if the reference may be interpolated between two attitudes.
 fn is_interpolated(before: &Attitude, after: &Attitude, interpolates_slow: bool) -> bool {
     if after.reset_counter.is_none() || after.reset_counter != before.reset_counter {
         return false;

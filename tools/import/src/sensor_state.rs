@@ -14,7 +14,7 @@ use crate::{
 /// Minimum number of equal samples at which a sensor is considered dead.
 const MIN_CONSTANT_SAMPLES: u64 = 50;
 
-/// Samples of one sensor.
+/// State of one sensor, computed from its samples.
 #[derive(Debug, Clone, Default)]
 pub(crate) struct SensorState {
     /// Number of samples.
@@ -31,7 +31,7 @@ pub(crate) struct SensorState {
 }
 
 impl SensorState {
-    /// Creates the state of a sensor that may repeat one value.
+    /// Creates the state of a receiver. Its samples may all be equal.
     pub(crate) fn of_receiver() -> Self {
         Self { may_be_constant: true, ..Self::default() }
     }
@@ -42,7 +42,7 @@ impl SensorState {
         self.unhealthy += u64::from(!is_healthy);
         for ((value, first), varies) in values.into_iter().zip(&mut self.first).zip(&mut self.varies) {
             if let Some(value) = value {
-                // NaN differs from every number, and from itself.
+                // Compares the bits, because NaN differs from itself.
                 let bits = |vector: [f64; 3]| vector.map(f64::to_bits);
                 *varies |= bits(*first.get_or_insert(value)) != bits(value);
             }

@@ -45,7 +45,7 @@ impl Timed for Attitude {
     }
 }
 
-/// Rate, force or both, with their times.
+/// Sample of body rate, specific force or both, each with its own time.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Inertial {
     pub(crate) rate: Option<Sample>,
@@ -53,7 +53,7 @@ pub(crate) struct Inertial {
 }
 
 impl Inertial {
-    /// Creates a sample with the rate and the force of one instant.
+    /// Creates a sample from a rate and a force that were measured at the same time.
     pub(crate) fn joint(t_ns: i64, rate_rad_s: [f64; 3], force_m_s2: [f64; 3]) -> Self {
         Self { rate: Some((t_ns, rate_rad_s)), force: Some((t_ns, force_m_s2)) }
     }
@@ -100,13 +100,13 @@ pub(crate) struct Survey {
     pub(crate) sensors: Vec<Sensor>,
     /// Reason to report if no row was written.
     pub(crate) reason: Option<ForeignText>,
-    /// Description of the data that provides rate and force, used in the error reported when there
-    /// are no rows.
+    /// Description of the data that provides rate and force, for the error if the source has no
+    /// rows.
     pub(crate) expected: ForeignText,
     pub(crate) clock: SourceClock,
     /// Segments of the series that determines the rows.
     pub(crate) segments: Vec<Segment>,
-    /// Number of times that the counter of the series wrapped.
+    /// Number of times that the time counter of the series wrapped.
     pub(crate) wraps: u64,
     /// Number of rows that cannot be read.
     pub(crate) unreadable_rows: u64,
@@ -131,8 +131,8 @@ pub(crate) trait Source {
     /// Returns the samples of rate and force.
     fn motion(&self) -> Result<Motion<'_>, ImportError>;
 
-    /// Returns the factor that converts the field of the source to µT; `None` if the source defines
-    /// its unit.
+    /// Returns the factor that converts the magnetic field of the source to µT; `None` if the
+    /// source defines the unit.
     fn field_factor(&self) -> Option<f64> {
         None
     }

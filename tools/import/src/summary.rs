@@ -103,17 +103,18 @@ pub enum Note {
         /// Total duration of the dropouts, ms.
         total_ms: u64,
     },
-    /// The mean force does not match gravity: its unit is wrong, or gravity has been removed.
+    /// The mean specific force does not match gravity. Either its unit is wrong, or gravity has
+    /// been removed.
     ImplausibleForce {
         /// Mean magnitude of the force, m/s².
         mean_force_m_s2: f64,
     },
-    /// The field does not match that of the Earth: its unit is wrong.
+    /// The magnetic field does not match that of the Earth, because its unit is wrong.
     ImplausibleField {
-        /// Mean magnitude of the field, µT.
+        /// Mean magnitude of the magnetic field, µT.
         mean_field_ut: f64,
-        /// Unit that makes the field plausible; `None` if no unit does, or if the format has no
-        /// field.
+        /// Unit in which the magnetic field would be plausible; `None` if there is no such unit, or
+        /// if the format defines the unit.
         unit: Option<&'static str>,
     },
     /// All samples of the magnetometer are equal.
@@ -132,7 +133,8 @@ pub enum Note {
         /// Text expected.
         expected: String,
     },
-    /// The last row of text has no line end. It was read, but its last number may be cut.
+    /// The last row of text has no line end. The row was read, but its last number may be
+    /// truncated.
     UnendedRow {
         /// Line number, from 1.
         line: u64,
@@ -244,7 +246,7 @@ pub enum Note {
 }
 
 impl Note {
-    /// Returns `true` if rows were not used for this reason.
+    /// Returns `true` if the note reports rows that were not used.
     fn loses_rows(&self) -> bool {
         match self {
             Self::MalformedRows { .. } | Self::Segments { .. } | Self::Damage { .. } | Self::DamagedFile { .. } => true,

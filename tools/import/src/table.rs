@@ -107,14 +107,14 @@ pub fn convert_table(path: &Path, table: Table, out: &Path) -> Result<Vec<Note>,
     Ok(notes)
 }
 
-/// Returns `true` if a column of this name holds `column`. Letter case, underscores and a unit in
-/// brackets are ignored.
+/// Returns `true` if `name`, a column name in the file, denotes the recording column `column`.
+/// Letter case, underscores and a unit in brackets are ignored.
 fn matches(column: &str, name: &str) -> bool {
     let plain = |name: &str| without_unit(name).to_ascii_lowercase().replace('_', "");
     plain(name) == plain(column) || column == "t_s" && Mapping::default().match_rank("t", name).is_some()
 }
 
-/// Returns a row in the form of the recording format.
+/// Returns a row in the recording format.
 fn row(record: &CsvRecord<'_>, columns: &[(&str, usize)], digits: usize) -> Result<String, ImportError> {
     let mut row = String::new();
     for (column, index) in columns {

@@ -7,19 +7,19 @@
 //!
 //! Time: the clock of the source.
 //!
-//! Failure: single samples with a time before that of the previous sample remain in their segment.
-//! The consumer skips and counts such samples.
+//! Failure: a single sample that is earlier than its predecessor remains in its segment. The
+//! consumer skips and counts such samples.
 
 use mapping::counter::{COUNTER_PERIODS_NS, narrow_period_ns, wrap_ns};
 
 use crate::{ImportError, row_writer::Samples};
 
-/// Number of consecutive samples in increasing order, all before an earlier one, after which the
-/// clock is considered set back.
+/// Number of consecutive samples that confirm that the clock was set back. Their times increase,
+/// and all of them are earlier than a previous sample.
 const CONFIRMING_SAMPLES: usize = 5;
 /// Maximum number of segments. Later segments are merged into the last one.
 const MAX_SEGMENTS: usize = 256;
-/// Maximum time between a sample and the segment of another series that it belongs to, ns.
+/// Tolerance for assigning a sample to a segment of another series, ns.
 const SLACK_NS: i64 = 1_000_000_000;
 
 /// Part of a log between two restarts of the clock.
@@ -63,7 +63,8 @@ pub(crate) struct SegmentFinder {
     offset_ns: i64,
     /// Interval between the last two samples with increasing time, ns.
     interval_ns: i64,
-    /// Times of samples earlier than the last one of the segment, in increasing order.
+    /// Times, in increasing order, of the latest samples that are earlier than the end of the
+    /// segment.
     backward_ns: Vec<i64>,
     segments: Vec<Segment>,
     /// Number of times that the counter wrapped.
@@ -92,7 +93,7 @@ impl SegmentFinder {
         self.step(t_ns);
     }
 
-    /// Returns the clock, with the period that was derived from the steps of the samples.
+    /// Returns the clock with its counter period, derived from the steps between the samples.
     pub(crate) fn clock(&self) -> SourceClock {
         self.clock.clone()
     }
@@ -143,7 +144,7 @@ impl SegmentFinder {
     }
 }
 
-/// Returns the index of the longest segment. If several are equally long, it is the first of them.
+/// Returns the index of the longest segment; the first one if several are equally long.
 pub(crate) fn longest(segments: &[Segment]) -> usize {
     let length_ns = |segment: &Segment| segment.last_ns.abs_diff(segment.first_ns);
     (0..segments.len()).rev().max_by_key(|index| segments.get(*index).map(length_ns)).unwrap_or(0)
@@ -184,8 +185,8 @@ impl SegmentChoice {
                 sample.shift(finder.offset_ns);
                 let is_stale = step == Step::Current || waiting > 0 && finder.backward_ns.len() == 1;
                 if is_stale {
-                    // The samples that went back were isolated, so they belong to the current
-                    // segment.
+                    // The samples that went back did not start a new segment, so they belong to the
+                    // current one.
                     ready.extend(pending.drain(..).map(|sample| (index, sample)));
                 }
                 match step {
@@ -205,7 +206,8 @@ impl SegmentChoice {
 
     /// Returns the samples of another series, limited to the chosen segment.
     ///
-    /// If the clock goes back, the samples belong to the next segment that contains their time.
+    /// After the clock has gone back, the samples belong to the next segment that contains their
+    /// time.
     pub(crate) fn others<'a, T: Timed + 'a>(&self, samples: Samples<'a, T>) -> Samples<'a, T> {
         let has_wrapped = self.segments.iter().any(|segment| self.wrapped_ns(segment.last_ns) > 0);
         if self.segments.len() < 2 && !has_wrapped {
@@ -244,13 +246,16 @@ impl SegmentChoice {
         })
     }
 
-    /// Returns the first segment from `from` on that contains the time, and the time to add. If the
-    /// sample goes back to `back_ns`, the result is a later segment, or the time includes a wrap.
+    /// Returns the first segment, from index `from` on, that contains the time `raw_ns`, and the
+    /// offset to add to this time, ns.
+    ///
+    /// If `back_ns` is given, the clock has gone back to that time. The result is then a later
+    /// segment, or an offset that includes a further wrap of the counter.
     fn find(&self, from: usize, raw_ns: i64, back_ns: Option<i64>) -> Option<(usize, i64)> {
         (from..self.segments.len()).find_map(|index| {
             let segment = self.segments.get(index)?;
             let periods = self.clock.period_ns.into_iter().chain(COUNTER_PERIODS_NS);
-            // Smallest number of periods after which the stamp is in the segment and does not go
+            // Smallest number of periods after which the time is in the segment and does not go
             // back.
             let start_ns = segment.first_ns.saturating_sub(SLACK_NS);
             let least_ns = back_ns.filter(|_| index == from).map_or(start_ns, |back_ns| start_ns.max(back_ns));

@@ -2,14 +2,15 @@
 //!
 //! Input: MAVLink messages, each after its time of arrival in µs since 1970, big-endian.
 //!
-//! Output: rate, force, field, fixes and attitude of the autopilot that the MAVLink decoder
-//! chooses. The reference is ATTITUDE_QUATERNION, or ATTITUDE if the log has no quaternion. Rate
-//! and force are taken from one kind of message: the first kind whose sensor works. RAW_IMU is
+//! Output: rate, force, magnetic field, fixes and attitude of one autopilot, which the MAVLink
+//! decoder chooses. The reference is ATTITUDE_QUATERNION, or ATTITUDE if the log has no quaternion.
+//! Rate and force are taken from one kind of message: the first kind whose sensor works. RAW_IMU is
 //! tried last.
 //!
 //! Time: the autopilot's clock, or the times of arrival if that clock never changes. The message of
-//! a fix may use another clock than the samples. A fix is therefore placed by its time of arrival
-//! relative to that of the latest sample, and so is an attitude if the samples have UNIX time.
+//! a fix may use another clock than the samples. The time of a fix is therefore computed from the
+//! time of the latest sample and the difference of the two arrival times. The same applies to an
+//! attitude if the samples have UNIX time.
 //!
 //! Memory: a buffer for each series.
 //!
@@ -74,7 +75,7 @@ pub(crate) struct Tlog {
     imu: Option<ImuMessage>,
     /// `true` if the times of arrival replace those of the autopilot.
     uses_arrival_times: bool,
-    /// `true` if the reference is that of ATTITUDE_QUATERNION.
+    /// `true` if the reference is taken from ATTITUDE_QUATERNION messages.
     has_quaternions: bool,
 }
 
@@ -205,7 +206,8 @@ impl Source for Tlog {
     }
 
     fn total_bytes(&self) -> u64 {
-        // Passes: choice of the sensor, survey, samples, field, fixes, and the reference twice.
+        // The log is read once each for the choice of the sensor, the survey, the samples, the
+        // magnetic field and the fixes, and twice for the reference.
         7 * self.length_bytes
     }
 
@@ -281,7 +283,7 @@ impl Source for Tlog {
     }
 }
 
-/// Decoder of one kind of message with rate and force, and the state of its sensor.
+/// Decoder of one message type with rate and force, and the state of the sensor.
 struct Observer {
     imu: ImuMessage,
     name: &'static str,
@@ -310,7 +312,7 @@ fn settings(imu: Option<ImuMessage>) -> MavlinkSettings {
     MavlinkSettings { raw_scale: Some(RawScale::ARDUPILOT), imu, ..MavlinkSettings::default() }
 }
 
-/// Returns the time of the autopilot's clock, ns.
+/// Returns the time on the autopilot's clock, ns.
 fn device_ns(time: DeviceTime) -> i64 {
     match time {
         DeviceTime::Counter { now_ns, .. } | DeviceTime::SinceBoot { now_ns } | DeviceTime::Unix { now_ns } => {

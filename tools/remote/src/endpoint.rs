@@ -27,7 +27,7 @@ pub struct RemoteEndpoint {
 }
 
 impl RemoteEndpoint {
-    /// Creates the description of an endpoint. Without `endpoints` it is the gateway on this
+    /// Creates the description of an endpoint. If `endpoints` is empty, this is the gateway on this
     /// machine.
     pub fn new(endpoints: &[String], keys: Option<&Path>) -> Self {
         let default = || vec![DEFAULT_ENDPOINT.to_owned()];
@@ -40,7 +40,7 @@ impl RemoteEndpoint {
         self.keys.is_some() && self.plain().is_none()
     }
 
-    /// Returns the first endpoint without certificates.
+    /// Returns the first endpoint that uses no certificates, or `None` if all endpoints use them.
     pub(crate) fn plain(&self) -> Option<&str> {
         self.endpoints.iter().map(String::as_str).find(|endpoint| !is_secured(endpoint))
     }

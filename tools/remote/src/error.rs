@@ -50,7 +50,7 @@ pub enum RemoteError {
         /// Names of the published topics, separated by commas.
         sent: String,
     },
-    /// The vehicle responds to queries but not to this client's commands.
+    /// The vehicle responds to queries, but rejects commands from this client.
     #[error(
         "vehicle {vehicle:?} takes no command from this client: its access list requires the certificate of an operator, --keys keys/operator.NAME"
     )]
@@ -58,7 +58,7 @@ pub enum RemoteError {
         /// Vehicle name.
         vehicle: String,
     },
-    /// Commands need a certificate, which a plain endpoint does not have.
+    /// Commands need a certificate, and a plain endpoint uses none.
     #[error(
         "vehicle {vehicle:?} takes no command over {endpoint}, which is read-only because it has no certificates; run `plumb swap {slot} {stage}` on the vehicle, or use a quic/ endpoint with the certificate of an operator, --keys keys/operator.NAME (docs/how-to/secure.md)"
     )]
@@ -67,9 +67,9 @@ pub enum RemoteError {
         vehicle: String,
         /// Plain endpoint.
         endpoint: String,
-        /// Slot of the request.
+        /// Slot in the request.
         slot: String,
-        /// Stage of the request.
+        /// Stage in the request.
         stage: String,
     },
 }

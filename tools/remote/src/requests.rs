@@ -41,8 +41,8 @@ pub fn swap(
 ) -> Result<SwapReport, RemoteError> {
     let Services { t_now_ns, services } = query_services(link, vehicle)?;
     let status = services.into_iter().find(|one| one.service == slot);
-    // For an unknown slot any epoch will do, because the vehicle rejects the request with its own
-    // message.
+    // If the slot is unknown, the epoch does not matter, because the vehicle rejects the request
+    // anyway.
     let expected_epoch = status.map_or(1, |one| one.epoch).max(1);
     let request = SwapRequest {
         request_id: request_id(),

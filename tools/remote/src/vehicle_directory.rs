@@ -36,7 +36,7 @@ const LINES_INTERVAL: Duration = Duration::from_secs(1);
 const SERVICES_INTERVAL: Duration = Duration::from_secs(3);
 /// Timeout of a service query.
 const SERVICES_TIMEOUT: Duration = Duration::from_secs(2);
-/// Maximum number of vehicles with an open view, for each use.
+/// Maximum number of vehicles with an open view, for each kind of use ([`ViewUse`]).
 const MAX_VIEWS: usize = 8;
 /// Time after which a view for metrics is closed. Prometheus typically polls once a minute.
 const UNUSED_METRICS_TIMEOUT: Duration = Duration::from_secs(90);
@@ -53,8 +53,8 @@ pub struct RemoteDirectory {
     views: Arc<Mutex<OpenViews>>,
 }
 
-/// Open views by their use and the name of the vehicle. The views of different uses are independent
-/// of each other.
+/// Open views, each identified by its use and the name of the vehicle. Views for different uses are
+/// independent of each other.
 type OpenViews = BTreeMap<(ViewUse, String), OpenView>;
 
 /// Open view of a vehicle.
@@ -121,7 +121,7 @@ fn is_in_use(views: &Mutex<OpenViews>, key: &(ViewUse, String), hub: &Hub) -> bo
     in_use
 }
 
-/// Returns an error if the maximum number of views is already open for this use.
+/// Returns an error if the maximum number of views for this use is already open.
 fn check_limit(views: &OpenViews, view_use: ViewUse) -> Result<(), String> {
     if views.keys().filter(|(held_by, _)| *held_by == view_use).count() < MAX_VIEWS {
         return Ok(());

@@ -40,13 +40,13 @@ impl StageChain {
         })
     }
 
-    /// Returns `true` if every timed stage runs in this process.
+    /// Returns `true` if the gyro, accel and fuser stages, which are timed, run in this process.
     pub(crate) fn are_in_process(&self) -> bool {
         let Self { gyro, accel, fuser, course: _ } = self;
         matches!((gyro, accel, fuser), (AnyStage::BuiltIn(_), AnyStage::BuiltIn(_), AnyStage::BuiltIn(_)))
     }
 
-    /// Returns the CPU time so far of the programs of the timed stages, ns. Returns `None` if it is
+    /// Returns the CPU time used so far by the external programs of the timed stages, ns; `None` if
     /// unknown.
     pub(crate) fn program_cpu_ns(&self) -> Option<f64> {
         let Self { gyro, accel, fuser, course: _ } = self;
@@ -74,7 +74,7 @@ impl StageChain {
     }
 }
 
-/// Returns the CPU time of the program of a stage, ns; 0 for a built-in stage.
+/// Returns the CPU time used so far by the external program of a stage, ns; 0 for a built-in stage.
 fn program_cpu_ns<B: HostableStage>(stage: &AnyStage<B>) -> Option<f64> {
     match stage {
         AnyStage::BuiltIn(_) => Some(0.0),

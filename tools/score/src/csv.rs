@@ -7,7 +7,7 @@
 //! Time: sample timestamps.
 //!
 //! Failure: an error if the file cannot be written. Unknown values are written as `nan`; for an
-//! unknown chart, the field is empty.
+//! unknown chart, the CSV field is empty.
 //!
 //! The columns of the estimate are those of `plumb up --out FILE --columns
 //! uvz,angles,course,bias,sd`. The prefix `true_` marks the reference; `gyro_` and `accel_` mark

@@ -191,9 +191,9 @@ struct CircularMean {
 impl CircularMean {
     /// Minimum number of angles.
     const MIN_COUNT: u64 = 50;
-    /// Smallest mean that counts as an offset, degrees. Ordinary heading errors are smaller.
+    /// Smallest mean that counts as a heading offset, degrees. Ordinary heading errors are smaller.
     const MIN_OFFSET_DEG: f64 = 5.0;
-    /// Smallest ratio of the mean to the standard deviation of a constant error.
+    /// Smallest ratio of the mean to the standard deviation at which an error counts as constant.
     const MIN_RATIO: f64 = 3.0;
 
     fn push(&mut self, deg: f64) {
@@ -201,7 +201,7 @@ impl CircularMean {
         (self.sin, self.cos, self.count) = (self.sin + sin, self.cos + cos, self.count + 1);
     }
 
-    /// Returns the mean, degrees, if it is an offset and the angles vary little.
+    /// Returns the mean, degrees, if it is large enough for an offset and the angles vary little.
     fn constant_deg(&self) -> Option<f64> {
         let mean_deg = self.sin.atan2(self.cos).to_degrees();
         let length = self.sin.hypot(self.cos) / self.count as f64;

@@ -23,7 +23,7 @@ pub struct Estimate {
     pub name: String,
     /// File with the columns `t_s,qw,qx,qy,qz`, body to east-north-up.
     pub file: PathBuf,
-    /// `true` if the heading is referenced to north, `false` if its zero is arbitrary.
+    /// `true` if the heading is referenced to north, `false` if its zero direction is arbitrary.
     pub heading_is_known: bool,
 }
 

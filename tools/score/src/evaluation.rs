@@ -62,7 +62,7 @@ pub(crate) fn evaluate(
     Ok((0..launches.len()).map(mean).collect())
 }
 
-/// Returns the errors of each launch configuration over a trial. The flag of a configuration is
+/// Returns the errors of each launch configuration over a trial. The Boolean of a configuration is
 /// `true` if its heading is known at the end.
 pub(crate) fn evaluate_trial(trial: &Trial, launches: &[Launch]) -> Result<Vec<(Errors, bool)>, ScoreError> {
     let configs: Vec<_> = launches.iter().map(|launch| config(launch, trial)).collect();

@@ -27,7 +27,7 @@ use crate::{
 const REPORT_MODE: u32 = 0o644;
 /// Width and height of a chart, pixels.
 const CHART_SIZE: (u32, u32) = (960, 230);
-/// Percentage of points at both ends that the range of the vertical axis ignores.
+/// Percentage of points that the range of the vertical axis ignores at each end.
 const OUTLIER_PERCENT: f64 = 0.5;
 /// Declaration of the SVG namespace, which HTML does not need.
 const SVG_NAMESPACE: &str = " xmlns=\"http://www.w3.org/2000/svg\"";

@@ -327,10 +327,10 @@ fn run_trial(
         .chain(findings.iter().map(Diagnosis::to_string));
     let no_score_reason = if trial.name.raw().starts_with("sim:") { SIMULATION_TOO_SHORT } else { NO_SCORED_REFERENCE };
     let warnings = warnings.chain((nothing_scored && is_first).then(|| no_score_reason.into()));
-    // The remedies apply to stages only.
+    // The remedies apply to stages only, not to estimates from files.
     let mut stage_runs = chain_runs.iter().take(launches.len());
     let heading_offset = stage_runs.find_map(|chain_run| chain_run.stats.constant_heading_error_deg());
-    // A wrong unit or axis explains an offset as well, and has its own remedy.
+    // A wrong unit or axis also causes a heading offset, and its warning has a separate remedy.
     let heading_offset = heading_offset.filter(|_| findings.is_empty());
     let has_axes = |path: &Path| request.files_with_axes.iter().any(|file| Path::new(file) == path);
     let has_axes = trial.file().is_none_or(has_axes);
@@ -361,8 +361,8 @@ fn run_trial(
 fn heading_offset_warning(offset_deg: f64, has_axes: bool) -> String {
     /// Largest magnetic declination away from the poles, degrees.
     const MAX_DECLINATION_DEG: f64 = 40.0;
-    /// Maximum deviation from a multiple of 90° for an offset that is attributed to exchanged axes,
-    /// degrees.
+    /// Maximum deviation from a multiple of 90° at which a heading offset is attributed to
+    /// exchanged axes, degrees.
     const MAX_AXES_ERROR_DEG: f64 = 15.0;
     let from_axes_deg = offset_deg - (offset_deg / 90.0).round() * 90.0;
     let cause = if offset_deg.abs() < MAX_DECLINATION_DEG {
@@ -385,10 +385,10 @@ fn heading_offset_warning(offset_deg: f64, has_axes: bool) -> String {
     )
 }
 
-/// Returns a warning if an estimate has an attitude at only part of the samples.
+/// Returns a warning if an estimate covers only some of the samples.
 fn coverage_warning(name: &str, found: u64, of: u64, what: &str) -> Option<String> {
-    /// Share of the samples that an estimate covers without a warning. Interpolation omits those
-    /// before its first and after its last row.
+    /// Share of the samples that an estimate must cover to avoid a warning. No attitude can be
+    /// interpolated before the first and after the last row of the estimate.
     const MIN_SHARE: f64 = 0.99;
     if found == 0 && of > 0 {
         return Some(format!(

@@ -59,8 +59,8 @@ pub fn merge(name: &str, scores: &[(u64, TrialScore)]) -> TrialScore {
 }
 
 fn spread(scores: &[(u64, TrialScore)]) -> Option<Spread> {
-    // An error that has no mean has no spread either. This applies, for example, to the heading
-    // error if the heading is unknown for one seed.
+    // An error without a mean has no spread either. An example is the heading error if the heading
+    // is unknown for one seed.
     let has_mean =
         Errors::mean(&scores.iter().map(|(_, score)| score.error).collect::<Vec<_>>()).values().map(|it| it.is_some());
     let (_, ranking) = ranking_error(scores.iter().all(|(_, score)| score.heading_is_known));

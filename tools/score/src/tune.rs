@@ -196,8 +196,8 @@ fn ranking(tried: &[(f64, Evaluation)]) -> (&'static str, fn(&ErrorsDeg) -> Opti
     ranking_error(tried.iter().all(|(_, evaluation)| evaluation.heading_is_known))
 }
 
-/// Returns the nearest tried values below and above the best one. At an end of the range, the best
-/// value itself takes the place of the missing one.
+/// Returns the nearest tried values below and above the best value. At an end of the range, the
+/// best value itself replaces the missing neighbour.
 fn around_best(tried: &[(f64, Evaluation)]) -> (f64, f64) {
     let (_, ranked_by) = ranking(tried);
     let error = |i: usize| ranked_by(&tried[i].1.mean.attitude).unwrap_or(f64::INFINITY);

@@ -163,8 +163,8 @@ impl<M: Copy> Topic<M> {
     /// Sends a message to each subscriber in turn. Returns `false` if the publisher is killed
     /// before it has finished.
     ///
-    /// `deliveries_left` is the number of deliveries until the publisher is killed, or `None` if it
-    /// is not to be killed.
+    /// `deliveries_left` is the number of deliveries after which the publisher is killed, or `None`
+    /// if it is not to be killed.
     pub(crate) fn send(&mut self, incarnation: u32, message: M, deliveries_left: &mut Option<u32>) -> bool {
         self.deliver_history(incarnation);
         let Self { buffer, publishers, subscribers, overwritten, .. } = self;

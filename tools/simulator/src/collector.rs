@@ -17,12 +17,12 @@ pub(crate) struct Collector {
     subscriber: SubscriberId,
     stream: OrderedStream<AttitudeOutput>,
     pub(crate) sequence: Sequence,
-    /// Received attitudes. Values that differ between runs are removed from them.
+    /// Received attitudes, without the values that differ from run to run.
     pub(crate) attitudes: Vec<AttitudeOutput>,
     /// Epoch of the newest attitude.
     epoch: u32,
-    /// Number of attitudes with an older epoch than their predecessor. They occur when two stages
-    /// publish alternately.
+    /// Number of attitudes with an epoch older than that of the preceding attitude. They occur when
+    /// two stages publish alternately.
     pub(crate) superseded: u64,
 }
 

@@ -22,7 +22,8 @@ pub(crate) struct Process {
     pub(crate) frozen_until_ms: u64,
     /// Set once the supervisor has requested termination.
     pub(crate) terminate_requested: bool,
-    /// Deliveries until the process is killed in its next poll; `None` if it is not to be killed.
+    /// Number of deliveries in the next poll after which the process is killed; `None` if it is not
+    /// to be killed.
     pub(crate) deliveries_left: Option<u32>,
     /// First tick with an invalid output; `None` if all outputs are valid.
     pub(crate) invalid_from_tick: Option<u64>,
@@ -71,7 +72,8 @@ impl Process {
         if self.exit_status.is_some() { 0 } else { self.wake_ms.max(self.frozen_until_ms) }
     }
 
-    /// Kills the process, immediately or after `deliveries_left` deliveries in its next poll.
+    /// Kills the process, either immediately or in its next poll after `deliveries_left`
+    /// deliveries.
     pub(crate) fn kill(&mut self, deliveries_left: Option<u32>) {
         match deliveries_left {
             Some(left) if self.frozen_until_ms <= self.wake_ms => self.deliveries_left = Some(left),

@@ -122,7 +122,7 @@ impl Setup {
         if !calm {
             setup.add_faults(random, flight_ms, lockstep);
             if lockstep || !strict {
-                // The rare faults have their own generator, so that they do not affect any other
+                // The rare faults use a separate generator, so that they do not affect any other
                 // random choice.
                 let mut rare = Random::new(random.clone().between(0, 1 << 60));
                 setup.add_renewal_at_stop(&mut rare);
@@ -266,8 +266,8 @@ impl Setup {
     }
 }
 
-/// Returns a fault of the bus files. The other random choices are the same for each of these
-/// faults.
+/// Returns a random fault of the bus files. Uses a copy of the generator, so that later random
+/// choices do not depend on the fault.
 fn file_fault(random: &Random) -> Fault {
     let mut random = random.clone();
     if random.chance(500) {

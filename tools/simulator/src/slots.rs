@@ -81,12 +81,12 @@ impl SlotProcess {
     }
 }
 
-/// Environment of one poll of a process.
+/// Data that a process needs for one poll.
 pub(crate) struct PollContext<'a> {
     pub(crate) now_ms: u64,
     pub(crate) bus: &'a mut Bus,
     pub(crate) random: &'a mut Random,
-    /// Deliveries until the process is killed; `None` if it is not to be killed.
+    /// Number of deliveries after which the process is killed; `None` if it is not to be killed.
     pub(crate) deliveries_left: Option<u32>,
     /// Probability that a health or difference message is lost, per mille.
     pub(crate) lost_report_per_mille: u64,
@@ -213,7 +213,7 @@ impl<S: SlotProcessor> Worker<S> {
         {
             return false;
         }
-        // The previous owner confirms the hand-over by a health message, so that message is sent
+        // The previous owner confirms the hand-over with a health message, which is therefore sent
         // immediately.
         report_now |= owned_next_tick && !self.service.owns_next_tick();
         self.publish_health(context, report_now);

@@ -117,8 +117,8 @@ impl Source {
         let mut header = sample.imu.header;
         (header.epoch, header.incarnation) = (self.epoch, self.incarnation);
         let (incarnation, deliveries_left) = (self.incarnation, &mut context.deliveries_left);
-        // Field and fix are published before the IMU sample of the tick, so that no subscriber has
-        // to wait for them.
+        // Magnetic field and fix are published before the IMU sample of the tick, so that no
+        // subscriber has to wait for them.
         if let Some(mag) = sample.mag
             && !context.bus.mag.publish(incarnation, MagSample { header, ..mag }, deliveries_left)
         {

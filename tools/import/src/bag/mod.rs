@@ -71,14 +71,14 @@ struct Selection {
     field: Option<Topic>,
     /// Topics from which the reference is computed.
     reference: Vec<Topic>,
-    /// Topics from which the fixes are computed.
+    /// Topics from which the GNSS fixes are computed.
     fixes: Vec<Topic>,
     /// `true` if the times at which messages were logged replace their timestamps.
     uses_log_times: bool,
 }
 
 impl<'a> Bag<'a> {
-    /// Opens a bag or a single file. The requested topics take precedence over other topics.
+    /// Opens a bag or a single file. Requested topics take precedence over other topics.
     pub(crate) fn open(path: &Path, format: Format, options: &'a Options) -> Result<Self, ImportError> {
         let files = if format == Format::Bag { bag_files(path)? } else { vec![(path.to_owned(), format)] };
         let length = |(path, _): &(PathBuf, Format)| {
@@ -129,7 +129,7 @@ impl Source for Bag<'_> {
             let Some(Message { topic, log_ns, data }) = messages.next()? else { break };
             let inertial = self.inertial(&topic, &data);
             has_instant_rates |= inertial.as_ref().is_some_and(|inertial| inertial.is_instant);
-            // Time, and vector of a magnetometer or a receiver.
+            // Time, ns, and the vector of a magnetometer or a receiver: magnetic field or velocity.
             let sample = match topic.kind {
                 Kind::Imu | Kind::PlumblineImu => inertial.as_ref().map(|inertial| (inertial.t_ns, None)),
                 Kind::MagneticField => {
@@ -179,8 +179,8 @@ impl Source for Bag<'_> {
             }
             Some(MotionTopics { rate, .. }) => {
                 let has_attitudes = topics.has_attitudes(rate);
-                // A note on poses that could be read as the reference is needed only if there is no
-                // other reference.
+                // Poses could be read as the reference. A note on this is needed only if there is
+                // no other reference.
                 let unused = &mut Vec::new();
                 let poses = topics.select(Role::Reference, if has_attitudes { unused } else { &mut notes });
                 poses.cloned().or_else(|| has_attitudes.then(|| rate.clone())).map(|reference| vec![reference])
@@ -206,8 +206,7 @@ impl Source for Bag<'_> {
         let has_constant_stamps =
             |topic: &&Topic| topics.counts(topic).is_some_and(topics::MessageCounts::has_constant_stamps);
         let constant = read.into_iter().find(has_constant_stamps);
-        // Topics with timestamps use the clock of the log as well, so that all topics use the same
-        // clock.
+        // If one topic has no usable timestamps, all topics use the clock of the log.
         let uses_log_times = constant.is_some();
         if let Some(topic) = constant {
             notes.insert(0, Note::LogTimes { topic: topic.name.clone() });
@@ -329,7 +328,7 @@ impl Bag<'_> {
         self.selection.as_ref().is_some_and(|selection| selection.uses_log_times)
     }
 
-    /// Decodes a message with rate or force.
+    /// Decodes a message that contains a rate or a force.
     fn inertial(&self, topic: &Topic, data: &[u8]) -> Option<InertialSample> {
         match topic.kind {
             Kind::Imu => ros::inertial(data, &self.convention),
@@ -338,7 +337,7 @@ impl Bag<'_> {
         }
     }
 
-    /// Converts the samples of a topic with `convert`.
+    /// Converts the samples of a topic with `convert`, which receives the time, ns, and the sample.
     fn inertial_samples<T>(
         &self,
         topic: Topic,
@@ -393,7 +392,7 @@ struct MessageReader {
     wanted: Option<Vec<Topic>>,
     read_bytes: Rc<Cell<u64>>,
     damaged_chunks: u64,
-    /// Losses of the databases read so far.
+    /// Rows of the databases read so far that are missing or unusable.
     losses: sqlite::Losses,
     notes: Vec<Note>,
 }
@@ -450,7 +449,7 @@ impl MessageReader {
         self.notes.push(Note::DamagedFile { file, found });
     }
 
-    /// Adds a note for each kind of loss, and resets the counts.
+    /// Adds a note for each kind of unreadable data, and resets the counts.
     fn note_losses(&mut self) {
         let sqlite::Losses { missing, stray, without_topic, without_data } = std::mem::take(&mut self.losses);
         for (what, count, reason) in [

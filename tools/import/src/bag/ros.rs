@@ -104,7 +104,7 @@ struct ChildPoseStamped {
 /// Units and axes of ROS messages.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) struct Convention {
-    /// Factors that convert rate, force and field to rad/s, m/s² and µT.
+    /// Factors that convert body rate, specific force and magnetic field to rad/s, m/s² and µT.
     rate: f64,
     force: f64,
     field: f64,
@@ -131,7 +131,7 @@ impl Convention {
         }
     }
 
-    /// Returns the factor that converts the field to µT.
+    /// Returns the factor that converts the magnetic field to µT.
     pub(crate) fn field_factor(&self) -> f64 {
         self.field
     }
@@ -141,8 +141,8 @@ impl Convention {
     }
 }
 
-/// Decodes a `sensor_msgs/msg/Imu`, with its attitude if present. Returns `None` if it has neither
-/// a rate nor a force.
+/// Decodes a `sensor_msgs/msg/Imu`, with its attitude if present. Returns `None` if the message has
+/// neither a body rate nor a specific force.
 pub(crate) fn inertial(data: &[u8], convention: &Convention) -> Option<InertialSample> {
     let imu: Imu = decode(data)?;
     let t_ns = imu.header.stamp.ns()?;
@@ -169,7 +169,7 @@ pub(crate) fn inertial(data: &[u8], convention: &Convention) -> Option<InertialS
     })
 }
 
-/// Decodes a `sensor_msgs/msg/MagneticField`.
+/// Decodes a `sensor_msgs/msg/MagneticField`. The magnetic field is in native axes, µT.
 pub(crate) fn field(data: &[u8], convention: &Convention) -> Option<Sample> {
     let MagneticField { header, magnetic_field } = decode(data)?;
     Some((header.stamp.ns()?, convention.to_native(magnetic_field, convention.field)?))

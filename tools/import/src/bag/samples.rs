@@ -2,7 +2,8 @@
 
 use crate::row_writer::Attitude;
 
-/// Sample of rate, force or both in native axes, with the attitude from the same message, if any.
+/// Sample of body rate, specific force or both in native axes, with the attitude from the same
+/// message, if any.
 pub(crate) struct InertialSample {
     pub(crate) t_ns: i64,
     /// Body rate, rad/s; `None` if it was not measured.

@@ -28,8 +28,8 @@ use super::{
 const BATCH_MESSAGES: i64 = 256;
 const MAX_MESSAGE_BYTES: i32 = 1 << 16;
 const MAX_TOPICS: i64 = 4096;
-/// Maximum number of rows with a number that does not increase or exceeds that of the last row. In
-/// a damaged database, such rows can recur without end.
+/// Maximum number of stray rows. The number of a stray row does not increase or exceeds the number
+/// of the last row. In a damaged database, such rows can recur without end.
 const MAX_STRAY_ROWS: u64 = 1000;
 /// Maximum length of a text or blob that SQLite may load, bytes.
 const MAX_VALUE_BYTES: i32 = 1 << 24;
@@ -60,16 +60,17 @@ pub(super) struct Cursor {
 pub(super) struct Losses {
     /// Row numbers that are missing. Recorders number rows consecutively from 1.
     pub(super) missing: u64,
-    /// Rows with a number that does not increase or exceeds that of the last row.
+    /// Stray rows. The number of a stray row does not increase or exceeds that of the last row.
     pub(super) stray: u64,
     /// Rows that belong to no known topic.
     pub(super) without_topic: u64,
-    /// Rows of the selected topics with data that are not bytes or are too long.
+    /// Rows of the selected topics without usable data. The data are not bytes or are too long.
     pub(super) without_data: u64,
 }
 
 impl Losses {
-    /// Counts the numbers after `before` up to `last`. Recorders use no numbers below 1.
+    /// Counts the row numbers after `before` and up to `last` as missing. Recorders use no numbers
+    /// below 1.
     fn add_missing(&mut self, before: i64, last: i64) {
         let before = before.max(0);
         if last > before {
@@ -136,8 +137,9 @@ impl Cursor {
         }
         drop(rows);
         drop(statement);
-        // Each query is answered by one search, whereas a combined query would visit every row. A
-        // query fails if the pages that it searches are damaged. Other pages may still be readable.
+        // Each of these queries needs a single search, whereas a combined query would visit every
+        // row. A query fails if the pages that it searches are damaged. Other pages may still be
+        // readable.
         let row_id = |query| connection.query_row(query, [], |row| row.get::<_, i64>(0)).ok();
         let (first, last) = (row_id("SELECT min(rowid) FROM messages"), row_id("SELECT max(rowid) FROM messages"));
         let last_indexed =
@@ -191,10 +193,11 @@ impl Cursor {
         Ok(next)
     }
 
-    /// Reads the next rows. Each call finds a row with a larger number or a stray row, or ends.
+    /// Reads the next rows. Each call accepts a row with a larger number, counts a stray row, or
+    /// ends reading.
     ///
-    /// If the database is damaged, the messages before the damage are returned first, then the
-    /// error.
+    /// If the database is damaged, the messages before the damage are returned first. Then the
+    /// pages of the file are read directly. If this is not possible, returns the error.
     fn read_batch(&mut self) -> Result<(), ReadError> {
         let mut statement = self.connection.prepare(&self.query)?;
         let mut rows = statement.query([self.last_row_id])?;
@@ -239,7 +242,7 @@ impl Cursor {
         Ok(())
     }
 
-    /// Reads the next row from the pages that remain.
+    /// Reads the next row from the remaining pages.
     fn read_page_row(&mut self) -> Result<(), ReadError> {
         let row = match &mut self.pages {
             Some(pages) => pages.next().map_err(|cause| ReadError::Damage(cause.to_string().into()))?,
@@ -260,7 +263,7 @@ impl Cursor {
         Ok(())
     }
 
-    /// Adds a row with a larger number than the last one.
+    /// Adds a row with a number that is larger than that of the last row.
     fn add_row(&mut self, row: Row) {
         self.losses.add_missing(self.last_row_id, row.id.saturating_sub(1));
         self.last_row_id = row.id;
@@ -300,7 +303,7 @@ fn open_read_only(path: &Path) -> Result<Connection, ReadError> {
     let flags = OpenFlags::SQLITE_OPEN_READ_ONLY | OpenFlags::SQLITE_OPEN_NO_MUTEX | OpenFlags::SQLITE_OPEN_URI;
     let connection = Connection::open_with_flags(uri, flags)?;
     connection.set_limit(Limit::SQLITE_LIMIT_LENGTH, MAX_VALUE_BYTES)?;
-    // With a writable schema, SQLite also reads a file that is shorter than its header states.
+    // With a writable schema, SQLite also reads a file that is shorter than stated in its header.
     connection.execute_batch(
         "PRAGMA writable_schema = ON; PRAGMA trusted_schema = OFF; PRAGMA cell_size_check = ON; PRAGMA query_only = ON",
     )?;

@@ -68,7 +68,7 @@ impl Pages {
         let mut found =
             Self { file, page: vec![0; size], usable_bytes, pages: vec![].into_iter(), rows: vec![].into_iter() };
         let mut pages = Vec::new();
-        // The first page describes the tables.
+        // The first page is skipped, because it describes the tables.
         for at in (1u64..).map(|number| number * size as u64) {
             if !found.read_page(at)? || pages.len() == MAX_PAGES {
                 break;
@@ -110,7 +110,8 @@ impl Pages {
         let pointers = pointers.take_while(move |_| is_leaf);
         let rows =
             pointers.filter_map(|pointer| self.row_at(usize::from(u16::from_be_bytes([pointer[0], pointer[1]]))));
-        // In a damaged page, rows can overlap.
+        // In a damaged page, rows can overlap. Their total length is therefore limited to that of a
+        // page.
         let mut left_bytes = self.page.len();
         rows.map_while(move |row| {
             left_bytes = left_bytes.checked_sub(row.data.len())?;
@@ -127,7 +128,7 @@ impl Pages {
         let header_bytes = usize::try_from(integer(&mut types)?).ok()?;
         let mut types = record.get(record.len() - types.len()..header_bytes)?;
         let mut values = record.get(header_bytes..)?;
-        // The column of the row number has no value.
+        // No value is stored for the column of the row number.
         let (0, topic, time, blob) =
             (integer(&mut types)?, integer(&mut types)?, integer(&mut types)?, integer(&mut types)?)
         else {
@@ -140,7 +141,7 @@ impl Pages {
 }
 
 /// Reads an integer of variable length: seven bits in each byte, and eight bits in the ninth byte,
-/// if there is one.
+/// if present.
 fn integer(bytes: &mut &[u8]) -> Option<i64> {
     let mut number = 0u64;
     for index in 0..9 {
@@ -157,7 +158,7 @@ fn integer(bytes: &mut &[u8]) -> Option<i64> {
     Some(number.cast_signed())
 }
 
-/// Reads an integer of the type with this number.
+/// Reads an integer with the storage type `kind`; `None` if this is not the type of an integer.
 fn value(kind: i64, bytes: &mut &[u8]) -> Option<i64> {
     let length = match kind {
         8 => return Some(0),

@@ -15,7 +15,7 @@ use crate::{
 /// Maximum number of topics for which messages are counted.
 const MAX_TOPICS: usize = 4096;
 const MAX_NAME_BYTES: usize = 512;
-/// Minimum number of equal timestamps at which the timestamps are considered constant.
+/// Minimum number of equal timestamps for the timestamps of a topic to count as constant.
 const MIN_CONSTANT_STAMPS: u64 = 10;
 
 /// Message type of a topic. The variants are in order of preference: Plumbline before ROS.
@@ -120,14 +120,14 @@ pub(super) struct MessageCounts {
     first_stamp_ns: Option<i64>,
     /// `true` if the timestamps of two samples differ.
     has_moving_stamps: bool,
-    /// State of the sensor, by log time.
+    /// State of the sensor. The times of its samples are log times.
     pub(super) state: SensorState,
-    /// Segments of the samples, by timestamp and by log time.
+    /// Segments of the samples, found from the timestamps and from the log times.
     pub(super) segments: [SegmentFinder; 2],
 }
 
 impl MessageCounts {
-    /// Adds a sample of rate and force.
+    /// Adds a sample of rate, force or both.
     pub(super) fn push_inertial(&mut self, sample: &InertialSample, log_ns: i64) {
         let is_non_zero = |vector: Option<[f64; 3]>| vector.is_some_and(|vector| vector != [0.0; 3]);
         self.rates += u64::from(is_non_zero(sample.rate_rad_s));
@@ -237,9 +237,10 @@ impl<'a> Topics<'a> {
 
     /// Selects the topic to read for a role.
     ///
-    /// This is the requested topic. If none is requested, it is the first topic with samples, in
-    /// the order of [`Kind`] and then of the name. ROS velocities and poses are read only on
-    /// request, because their messages do not specify the axes.
+    /// If a topic is requested, selects this topic. Otherwise, selects the first topic with
+    /// samples, in the order of [`Kind`] and then of the name. A magnetometer that works is
+    /// preferred. ROS velocities and poses are read only on request, because their messages do not
+    /// specify the axes.
     pub(super) fn select(&self, role: Role, notes: &mut Vec<Note>) -> Option<&Topic> {
         let of_role = || self.counts.iter().filter(|(topic, _)| topic.kind.role() == role);
         let is_read_by_default = |topic: &&Topic| !matches!(topic.kind, Kind::Twist | Kind::Pose | Kind::ChildPose);
@@ -291,8 +292,11 @@ impl<'a> Topics<'a> {
         with_samples().nth(number).map(|(topic, _)| Some(topic.clone())).ok_or_else(unknown)
     }
 
-    /// Selects the topics of rate and force: the sensor with this number, else the first one that
-    /// works, else two topics, one with rates and one with forces.
+    /// Selects the topics of rate and force.
+    ///
+    /// If `number` is given, selects the sensor with this number. Otherwise, selects the first
+    /// sensor that works. If no topic has both quantities, selects one topic with rates and one
+    /// with forces.
     pub(super) fn select_motion(
         &self,
         path: &Path,
@@ -337,7 +341,8 @@ impl<'a> Topics<'a> {
         Ok(Some(single(topic)))
     }
 
-    /// Returns the inertial sensors with both rate and force. `read` is the selected topic.
+    /// Returns the inertial sensors that measure both rate and force. `read` is the topic that is
+    /// read.
     pub(super) fn sensors(&self, read: Option<&Topic>, uses_log_times: bool) -> Vec<Sensor> {
         let counts =
             self.counts.iter().filter(|(topic, counts)| topic.kind.role() == Role::Rows && counts.is_complete());
@@ -356,8 +361,7 @@ impl<'a> Topics<'a> {
         sensors.collect()
     }
 
-    /// Returns the sensors with the given role, a magnetometer or receiver. `read` is the selected
-    /// topic.
+    /// Returns the sensors of a role: magnetometers or receivers. `read` is the topic that is read.
     pub(super) fn other_sensors(&self, option: &str, role: Role, read: Option<&Topic>) -> Vec<Sensor> {
         let counts = self.counts.iter().filter(|(topic, counts)| topic.kind.role() == role && counts.samples > 0);
         let sensors = counts.enumerate().map(|(number, (topic, counts))| {

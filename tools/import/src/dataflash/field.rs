@@ -1,6 +1,6 @@
 //! Field of a DataFlash message.
 
-/// Offset and type code of a field in a message.
+/// Position of a field in a message, and the type of its value.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Field {
     pub(super) offset: usize,

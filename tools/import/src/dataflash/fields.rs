@@ -26,7 +26,7 @@ pub(super) enum Estimator {
     Ekf3Angles,
     /// Second extended Kalman filter, logged as Euler angles.
     Ekf2Angles,
-    /// Secondary estimator that ran in parallel with the estimator in control.
+    /// Secondary estimator, which ran in parallel with the estimator that was in control.
     Secondary,
 }
 
@@ -76,8 +76,8 @@ pub(super) struct Layout {
     time: Time,
     /// Field with the sensor or estimator number; `None` if the message type has no such field.
     instance: Option<Field>,
-    /// Sensor number from the name of the message type, such as 1 for `IMU2`. It is used if there
-    /// is no such field.
+    /// Sensor number from the name of the message type, such as 1 for `IMU2`. Used if `instance` is
+    /// `None`.
     type_instance: u8,
     fields: Fields,
 }
@@ -126,7 +126,8 @@ impl Layout {
             b"AHR2" => (Kind::Attitude(Estimator::Secondary), "", quaternion().or_else(angles)?),
             _ => return None,
         };
-        // In old logs, TimeMS of GPS is the time in the GPS week, and T is the time of the board.
+        // In old logs, `TimeMS` of GPS is the time in the GPS week. `T` is the time on the
+        // autopilot's clock.
         let is_old_gps = name == b"GPS" && find("TimeUS").is_none();
         let board_time = find("T").filter(|_| is_old_gps).map(Time::Ms);
         let time = board_time.or_else(|| find("TimeUS").map(Time::Us)).or_else(|| find("TimeMS").map(Time::Ms))?;
@@ -181,8 +182,8 @@ impl Layout {
     }
 }
 
-/// Splits the name of a message type of an older log, such as `IMU2`, into that of the first sensor
-/// and the sensor number.
+/// Splits the name of a message type of an older log, such as `IMU2`, into the name for the first
+/// sensor and the sensor number.
 fn numbered_type(name: &[u8]) -> (&[u8], u8) {
     match name {
         [base @ .., digit @ b'2'..=b'9'] if matches!(base, b"IMU" | b"MAG" | b"GPS") => (base, digit - b'1'),

@@ -11,7 +11,7 @@
 //! or a long damaged part follows it.
 //!
 //! The available parser crate is not used, because it stops silently after 256 consecutive faults,
-//! does not report skipped bytes, and allocates for each field of each message.
+//! does not report skipped bytes, and allocates memory for each field of each message.
 
 use std::{
     cell::Cell,

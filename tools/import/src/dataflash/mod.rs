@@ -2,7 +2,7 @@
 //!
 //! Input: a log. Body axes: forward, right, down. Earth axes: north, east, down.
 //!
-//! Output: the rows of the first IMU, with field, reference and fixes.
+//! Output: the rows of the first IMU, with magnetic field, reference and fixes.
 //!
 //! Time: the log's clock, converted from microseconds or milliseconds.
 //!
@@ -268,8 +268,8 @@ impl Source for Log {
     }
 }
 
-/// Returns the first sensor that works, if any. A note names the sensors that are skipped, unless a
-/// sensor is requested.
+/// Returns the number of the first sensor that works, if any. Adds a note that names the skipped
+/// sensors, unless a sensor is requested.
 fn first_healthy(states: &States, requested: Option<u8>, topic: &str, notes: &mut Vec<Note>) -> Option<u8> {
     let healthy = states.iter().find(|(_, state)| state.is_healthy()).map(|(instance, _)| *instance);
     let first = states.keys().next().copied();

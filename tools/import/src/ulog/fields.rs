@@ -26,7 +26,7 @@ type VectorSample = (i64, [f32; 3]);
 
 type Vector<T> = [FieldParser<T>; 3];
 
-/// Fields of `sensor_combined`.
+/// Field parsers of `sensor_combined`.
 pub(super) struct CombinedFields {
     time: FieldParser<u64>,
     rate: Vector<f32>,
@@ -78,7 +78,7 @@ impl CombinedFields {
     }
 }
 
-/// Fields of `vehicle_magnetometer`.
+/// Field parsers of `vehicle_magnetometer`.
 pub(super) struct MagnetometerFields {
     time: SampleTime,
     field: Vector<f32>,
@@ -96,7 +96,7 @@ impl MagnetometerFields {
     }
 }
 
-/// Fields of `sensor_gyro`, `sensor_accel` and `sensor_mag`.
+/// Field parsers of `sensor_gyro`, `sensor_accel` and `sensor_mag`.
 pub(super) struct VectorFields {
     time: SampleTime,
     vector: Vector<f32>,
@@ -104,7 +104,7 @@ pub(super) struct VectorFields {
 }
 
 impl VectorFields {
-    /// Returns `None` if a field is missing.
+    /// Creates the parsers; `None` if a field is missing.
     pub(super) fn new(message: &DataMessage) -> Option<Self> {
         Some(Self {
             time: SampleTime::find(message)?,
@@ -122,8 +122,8 @@ impl VectorFields {
     }
 }
 
-/// Fields of `vehicle_imu`: angle and velocity integrated over an interval that ends at the time of
-/// the message.
+/// Field parsers of `vehicle_imu`: angle and velocity integrated over an interval that ends at the
+/// time of the message.
 pub(super) struct IntegratedFields {
     time: SampleTime,
     angle: Vector<f32>,
@@ -154,7 +154,7 @@ impl IntervalField {
 }
 
 impl IntegratedFields {
-    /// Returns `None` if a field is missing.
+    /// Creates the parsers; `None` if a field is missing.
     pub(super) fn new(message: &DataMessage) -> Option<Self> {
         let interval = |name| IntervalField::find(message, name).or_else(|| IntervalField::find(message, "dt"));
         Some(Self {
@@ -166,8 +166,8 @@ impl IntegratedFields {
         })
     }
 
-    /// Returns the mean rate, rad/s, and the mean force, m/s², over the interval; `None` if it is
-    /// empty.
+    /// Returns the mean rate, rad/s, and the mean force, m/s², over the interval; `None` if the
+    /// interval is empty.
     pub(super) fn means(&self, data: &[u8]) -> Option<(i64, [[f64; 3]; 2])> {
         let intervals_s = self.intervals.each_ref().map(|interval| interval.s(data));
         let [angle_s, velocity_s] = intervals_s;
@@ -182,11 +182,11 @@ impl IntegratedFields {
     }
 }
 
-/// Fields of `sensors_status_imu`: the device number of each sensor, and its health.
+/// Field parsers of `sensors_status_imu`: the device number of each sensor, and its health.
 pub(super) struct HealthFields(Vec<(Kind, FieldParser<u32>, FieldParser<bool>)>);
 
 impl HealthFields {
-    /// Returns `None` if the message names no sensor.
+    /// Creates the parsers; `None` if the message describes no sensor.
     pub(super) fn new(message: &DataMessage) -> Option<Self> {
         let sensors =
             (0..MAX_SENSORS).flat_map(|number| [(Kind::Rate, "gyro", number), (Kind::Force, "accel", number)]);
@@ -205,7 +205,7 @@ impl HealthFields {
     }
 }
 
-/// Fields of `vehicle_attitude`.
+/// Field parsers of `vehicle_attitude`.
 pub(super) struct AttitudeFields {
     time: SampleTime,
     quaternion: [FieldParser<f32>; 4],
@@ -236,7 +236,7 @@ impl AttitudeFields {
     }
 }
 
-/// Fields of `vehicle_gps_position` or `sensor_gps`.
+/// Field parsers of `vehicle_gps_position` or `sensor_gps`.
 pub(super) struct ReceiverFields {
     time: FieldParser<u64>,
     north: FieldParser<f32>,
@@ -247,7 +247,7 @@ pub(super) struct ReceiverFields {
     position: PositionFields,
 }
 
-/// Latitude, longitude and altitude fields.
+/// Field parsers of latitude, longitude and altitude.
 enum PositionFields {
     /// Degrees and m, since PX4 1.14.
     Degrees(Vector<f64>),

@@ -7,14 +7,14 @@ use crate::sensor_state::SensorState;
 pub(super) enum Kind {
     /// Rate and force of the sensor that the autopilot chose.
     Combined,
-    /// Field in the messages of [`Kind::Combined`] of an old log.
+    /// Magnetic field in the messages of [`Kind::Combined`] in an old log.
     CombinedField,
     /// Rate and force of one sensor, integrated over an interval.
     Integrated,
     Rate,
     Force,
     Field,
-    /// Field that is not calibrated.
+    /// Magnetic field without calibration.
     RawField,
     Attitude,
     Fix,

@@ -49,9 +49,9 @@ pub(crate) struct LogStatus {
     pub(crate) damage: Option<(u64, ForeignText)>,
     pub(crate) dropouts: u64,
     pub(crate) dropouts_ms: u64,
-    /// Number of messages of no known type, of no subscribed topic or with invalid content.
+    /// Number of messages with an unknown type, without a subscribed topic or with invalid content.
     pub(crate) malformed: u64,
-    /// Number of bytes in damaged parts, after which the log continues.
+    /// Number of bytes in the damaged parts that were skipped.
     pub(crate) skipped_bytes: u64,
 }
 
@@ -178,7 +178,8 @@ fn read_next(
         }
     }
     if is_malformed {
-        // The length of a damaged message may be damaged as well.
+        // The length of a damaged message may be wrong, so a message must start at the current
+        // position.
         if parser.in_data() && !messages.is_at_message(&filter.subscribed)? {
             return damage(format!("a malformed message {:?}", char::from(kind)));
         }
@@ -199,8 +200,8 @@ fn section_ends(offsets: &[u64; 3]) -> Vec<u64> {
     offsets.iter().rev().copied().filter(|&offset| offset != 0).collect()
 }
 
-/// Returns `true` if the content of a message that is not read fits its type. Damage often turns a
-/// message into one of another type.
+/// Returns `true` if the content of a message that is not decoded fits its type. Damage often
+/// changes the type of a message.
 fn is_valid(kind: u8, content: &[u8]) -> bool {
     let has_key = |key_at: usize| {
         let key_bytes = content.get(key_at).copied().map_or(usize::MAX, usize::from);
@@ -219,8 +220,8 @@ fn is_valid(kind: u8, content: &[u8]) -> bool {
 /// Returns `true` if a message of the data section starts here. `is_end` is `true` if the file ends
 /// after `rest`.
 ///
-/// Messages have no checksum. A single one could be found in random bytes, so the following ones
-/// are checked as well.
+/// Messages have no checksum. Random bytes can look like a single message, so the following
+/// messages are checked as well.
 fn is_message_start(rest: &[u8], is_end: bool, subscribed: &HashSet<u16>) -> bool {
     let (mut offset, mut has_data) = (0, false);
     for number in 0..CHECKED_MESSAGES {

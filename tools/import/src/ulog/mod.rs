@@ -3,14 +3,14 @@
 //! Input: a PX4 log.
 //!
 //! Output: the rows of `sensor_combined`, or of one instance of `vehicle_imu`, or of `sensor_gyro`
-//! and `sensor_accel`, with field, reference and fixes from other topics.
+//! and `sensor_accel`, with magnetic field, reference and fixes from other topics.
 //!
 //! Time: the log's clock, converted from microseconds. The time of a rate sample in
 //! `sensor_combined` is `timestamp`; that of a force sample is `timestamp` plus
 //! `accelerometer_timestamp_relative`.
 //!
 //! Memory: independent of the length of the log. The log is read once for the survey, and once each
-//! for the rows, field, attitude and fixes.
+//! for the rows, magnetic field, attitude and fixes.
 //!
 //! Failure: a log that contains no usable samples is an error. Damaged parts of a log are skipped
 //! and counted.
@@ -239,7 +239,8 @@ impl Series {
     fn accept(&mut self, kind: Kind, measurement: Option<Measurement>) -> Option<Measurement> {
         let is_combined_field = kind == Kind::CombinedField;
         let Some(measurement) = measurement else {
-            // Rows without a new field have an invalid time of the field.
+            // A message without a new magnetic field marks the field's time as invalid. This is not
+            // an error.
             self.rejected += u64::from(!is_combined_field);
             return None;
         };

@@ -53,8 +53,8 @@ impl Measurement {
         }
     }
 
-    /// Returns `false` for a field with a component that is not a number. Such rates and forces are
-    /// rejected with the readings.
+    /// Returns `false` for a magnetic field with a component that is not finite. Rates and forces
+    /// that are not finite are imported, because ingest rejects such readings.
     pub(super) fn is_finite(&self) -> bool {
         match self {
             Self::Field((_, field_ut)) => field_ut.iter().all(|part| part.is_finite()),
@@ -86,7 +86,8 @@ impl Layouts {
     ///
     /// # Errors
     ///
-    /// Returns an error if a field is missing in a topic that other logs need.
+    /// Returns an error if a required field is missing from a main topic, such as `sensor_combined`
+    /// or `vehicle_attitude`.
     pub(super) fn find(
         &mut self,
         path: &Path,

@@ -142,7 +142,7 @@ fn ardupilot_log_matches_pymavlink() {
     }
 }
 
-/// The attitude is roll 10°, pitch 5°, heading east.
+/// The attitude has roll 10°, pitch 5° and a heading due east.
 #[test]
 fn reference_from_angles_without_quaternion() {
     let folder = Folder::new();

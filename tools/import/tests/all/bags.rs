@@ -35,8 +35,8 @@ fn with_topics(topics: &[&str]) -> Options {
     Options { topics: topics.iter().map(|topic| (*topic).to_owned()).collect(), ..Options::default() }
 }
 
-/// Checks that every value equals the one read by rosbags. Rates, forces and fields must be equal
-/// to the last bit.
+/// Checks that every value equals the one read by rosbags. Rates, forces and magnetic fields must
+/// be equal to the last bit.
 fn assert_equal(imported: &Imported, bag: &Messages, imu: &str) {
     let is_measured = |numbers: &[f64]| numbers[5] != -1.0;
     let expected: Vec<_> = bag[imu].iter().filter(|(_, numbers)| is_measured(numbers)).collect();
@@ -299,7 +299,7 @@ fn damaged_database_costs_the_damaged_rows_only() {
 fn row_with_damaged_number_costs_no_other_row() {
     let folder = Folder::new();
     let path = database(&folder, 100, "");
-    // A cell of a table's leaf page is the length of the row, its number and its content.
+    // A cell of a table's leaf page consists of the length of the row, its number and its content.
     let content = imu_message(50);
     for (number, name) in [(0u8, "too small"), (0x7f, "too large")] {
         let mut bytes = fs::read(&path).unwrap();

@@ -219,7 +219,7 @@ fn csv_progress_increases_to_total() {
     assert_eq!(last.done_bytes, last.total_bytes);
 }
 
-/// Header of a table, and the factors of its rate, force and field.
+/// Header of a table, and the factors that convert its rate, force and magnetic field.
 const HEADERS: [(&str, [f64; 3]); 12] = [
     ("t_s,gx,gy,gz,ax,ay,az,mx,my,mz", [1.0, 1.0, 1.0]),
     ("t[ms],gx [deg/s],gy [deg/s],gz [deg/s],ax [g],ay [g],az [g],mx,my,mz", [DEG, G, 1.0]),
@@ -241,9 +241,9 @@ const HEADERS: [(&str, [f64; 3]); 12] = [
         "#timestamp [ns],w_RS_S_x [rad s^-1],w_RS_S_y [rad s^-1],w_RS_S_z [rad s^-1],a_RS_S_x [m s^-2],a_RS_S_y [m s^-2],a_RS_S_z [m s^-2],mx,my,mz",
         [1.0, 1.0, 1.0],
     ),
-    // The unit of one component applies to the vector.
+    // The unit of one component applies to the whole vector.
     ("time_ms,gyro_x_dps,gyro_y,gyro_z,acc_x_g,acc_y,acc_z,mag_x_uT,mag_y,mag_z", [DEG, G, 1.0]),
-    // A name of a recording is preferred.
+    // Names of the recording format take precedence.
     (
         "t_s,gx,gy,gz,acc_x_mg,acc_y_mg,acc_z_mg,mx,my,mz,time_ms,gyro_x_dps,gyro_y_dps,gyro_z_dps",
         [1.0, G / 1000.0, 1.0],
@@ -260,7 +260,7 @@ const HEADERS: [(&str, [f64; 3]); 12] = [
 const DEG: f64 = std::f64::consts::PI / 180.0;
 const G: f64 = 9.80665;
 
-/// Returns a table with two rows at 0 and 20 ms of the time unit in its header.
+/// Returns a table with two rows at 0 and 20 ms, in the unit of time that the header names.
 fn table(header: &str) -> String {
     let separator = if header.contains(';') { ";" } else { "," };
     let lower = header.to_lowercase();

@@ -91,7 +91,8 @@ fn attitude_messages(t_ms: u32, [roll, pitch, yaw]: [f32; 3]) -> [Vec<u8>; 2] {
 
 #[test]
 fn attitude_of_telemetry_log_is_the_reference() {
-    // East, a right roll of 90° and level, and north with the nose up.
+    // The attitudes are: level and facing north, facing east, rolled to the right by 90°, and nose
+    // up by 0.5 rad.
     let right = std::f32::consts::FRAC_PI_2;
     let half = std::f64::consts::FRAC_1_SQRT_2;
     for (angles, expected) in [
@@ -255,7 +256,7 @@ fn counters_and_times_of_day_are_continued() {
     assert_eq!(times_ms(&imported), [86_399_980, 86_400_000, 86_400_020]);
 }
 
-/// Returns a `sensor_msgs/msg/Imu` in CDR with rate z and force z.
+/// Returns a `sensor_msgs/msg/Imu` in CDR with a rate and a force along the z axis.
 fn imu(t_ms: u32, rate: f64, force: f64) -> Vec<u8> {
     let mut message = vec![0, 1, 0, 0];
     for word in [10 + t_ms / 1000, t_ms % 1000 * 1_000_000, 4, u32::from_le_bytes(*b"imu\0")] {
@@ -281,8 +282,8 @@ fn magnetic_field(t_ms: u32, field: [f64; 3]) -> Vec<u8> {
     message
 }
 
-/// Writes an MCAP file with one message of each topic every 20 ms. Topics called `/mag…` hold
-/// fields, others inertial samples.
+/// Writes an MCAP file with one message of each topic every 20 ms. Topics called `/mag…` contain
+/// magnetic fields, all others inertial samples.
 fn mcap(folder: &Folder, topics: &[TopicMessages<'_>]) -> std::path::PathBuf {
     let path = folder.path("bag.mcap");
     let mut writer = mcap::Writer::new(std::fs::File::create(&path).unwrap()).unwrap();
@@ -443,7 +444,7 @@ fn units_and_axes_of_bags_are_changed() {
     assert!(error.to_string().contains("defines its own columns"), "{error}");
 }
 
-/// Returns the remedy `--units UNIT` of the note on the field, if there is one.
+/// Returns the remedy `--units UNIT` of the note on the magnetic field, if any.
 fn field_unit(imported: &crate::common::Imported) -> Option<&'static str> {
     let units = imported.summary.notes.iter().find_map(|note| match note {
         Note::ImplausibleField { unit, .. } => Some(*unit),

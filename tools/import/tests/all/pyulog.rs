@@ -42,7 +42,7 @@ fn assert_equal(imported: &Imported, topics: &HashMap<String, Vec<(i64, Vec<f64>
         same_time += 1;
     }
 
-    // Each field sample must be at the nearest row only.
+    // Each magnetic field sample must be at the nearest row only.
     let mut fields: Vec<(i64, [f64; 3])> =
         topic_samples("vehicle_magnetometer").iter().map(|(t, f)| (t * 1000, [f[0], f[1], f[2]])).collect();
     let own = topic_samples("own_field").iter().filter(|(_, f)| f[3] != f64::from(i32::MAX));

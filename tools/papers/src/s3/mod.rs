@@ -18,19 +18,19 @@ use crate::{
 pub use runs::{Comparison, Rms};
 use runs::{Filter, IMPROVED, ORIGINAL, SEEDS, Sample, SensorCase, TABLE_CASES, run};
 
-/// Parts of figure 2: file name, title and sensor errors.
+/// Panels of figure 2: file name, title and sensor errors.
 const FIGURES: [(&str, &str, SensorCase); 3] = [
     ("figure-2a", "Figure 2 a: ideal accelerometer and magnetometer", SensorCase::Ideal),
     ("figure-2b", "Figure 2 b: accelerometer noise", SensorCase::AccelNoise),
     ("figure-2c", "Figure 2 c: no accelerometer noise, magnetic disturbance", SensorCase::MagneticDisturbance),
 ];
 
-/// Number of simulation runs: the cases of the table, the parts of figure 2, and one pass over all
+/// Number of simulation runs: the cases of the table, the panels of figure 2, and one pass over all
 /// stages.
 pub(crate) const RUN_COUNT: u64 = (TABLE_CASES.len() + FIGURES.len() + 1) as u64;
 
-/// Published values for each axis: RMS error of the original form, RMS error of the improved form,
-/// and the improvement, %.
+/// Published values for each axis: RMS error of the original filter and of the improved filter,
+/// degrees, and the improvement, %.
 const PUBLISHED: [(&str, f64, f64, f64); 3] =
     [("pitch", 1.9371, 0.9986, 48.7), ("roll", 0.3502, 0.2410, 33.12), ("yaw", 1.8198, 0.9465, 47.99)];
 

@@ -13,14 +13,14 @@ use attitude::{
 };
 use scenario::{Scenario, s3};
 
-/// Original form with the paper's gain, rad/s.
+/// Original Madgwick filter with the paper's gain, rad/s.
 pub(crate) const ORIGINAL: Filter = Filter { name: "madgwick", gain: Some(("beta_rad_s", 0.021)) };
-/// Improved form with the paper's gain, 1/s.
+/// Improved Madgwick filter with the paper's gain, 1/s.
 pub(crate) const IMPROVED: Filter = Filter { name: "madgwick-improved", gain: Some(("beta_1_s", 0.029)) };
 /// Number of runs that are averaged for the table.
 pub(crate) const SEEDS: u64 = 40;
 /// Eastward magnetic disturbance in figure 2 c, µT. It is as strong as the northward component of
-/// the field.
+/// the Earth's field.
 const DISTURBANCE_UT: f64 = 20.0;
 /// Interval in each turn during which the disturbance acts, s.
 const DISTURBANCE_INTERVAL_S: std::ops::Range<f64> = 2.0..4.0;
@@ -115,9 +115,9 @@ pub struct Rms {
     pub vector_deg: [f64; 3],
     /// Total error: the angle of the rotation from truth to estimate.
     pub total_deg: f64,
-    /// Heading part of the error; `None` if the stage has no north reference.
+    /// Heading component of the error; `None` if the stage has no north reference.
     pub heading_deg: Option<f64>,
-    /// Inclination part of the error.
+    /// Inclination component of the error.
     pub inclination_deg: f64,
 }
 
@@ -171,16 +171,16 @@ impl Rms {
     }
 }
 
-/// Errors of the original and the improved form in one case of table 1.
+/// Errors of the original and the improved filter in one case of table 1.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Comparison {
     /// `true` for a gyro noise of 1 rad/s, as printed, instead of 1 °/s.
     pub printed_gyro_noise: bool,
     /// `true` if the first sample, from which the filter starts, is noisy.
     pub noisy_start: bool,
-    /// Errors of the original form with β = 0.021 rad/s.
+    /// Errors of the original filter with β = 0.021 rad/s.
     pub original: Rms,
-    /// Errors of the improved form with β = 0.029 1/s.
+    /// Errors of the improved filter with β = 0.029 1/s.
     pub improved: Rms,
 }
 

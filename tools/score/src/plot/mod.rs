@@ -56,8 +56,10 @@ const SINGLE_PANEL_HEIGHT: u32 = 500;
 /// Maximum size of a figure over time, bytes, so that a browser or a page with many figures stays
 /// fast.
 const MAX_FIGURE_BYTES: usize = 300_000;
-/// Largest number of bins that are merged to reach [`MAX_FIGURE_BYTES`]. A bin then has about 10
-/// pixels, below which details would be lost. Figures of many stages can exceed the limit.
+/// Largest number of bins that are merged to reach [`MAX_FIGURE_BYTES`].
+///
+/// Merged bins are then about 10 pixels wide, and wider bins would hide details. Figures of many
+/// stages can exceed the size limit.
 const MAX_MERGED_BINS: usize = 8;
 const SPHERE_SIZE: (u32, u32) = (900, 900);
 
@@ -168,8 +170,8 @@ impl<'a> Plotter<'a> {
         write(base_path, "sphere", self.render(SPHERE_SIZE, &sphere))
     }
 
-    /// Draws the results of several chains, given by name, for a trial in the same figures,
-    /// together with the reference.
+    /// Draws the results of several chains for a trial, and the reference, in the same figures.
+    /// `names` contains the names of the chains.
     pub(crate) fn draw_comparison(
         &self,
         base_path: &Path,

@@ -14,7 +14,8 @@ use plotters::{
     style::text_anchor::{HPos, Pos, VPos},
 };
 
-/// Half the side of the drawn part of the plane. Points outside it are omitted.
+/// Half the side length of the square part of the plane that is drawn. Points outside the square
+/// are omitted.
 const PLANE_HALF_SIDE: f64 = 1.6;
 /// Number of rays drawn from the pole.
 const RAY_COUNT: usize = 6;
