@@ -30,8 +30,9 @@ fn wait_for_port(port: u16) {
     wait_for("the cockpit", || TcpStream::connect(("127.0.0.1", port)).is_ok());
 }
 
-/// Returns the quaternion x, y, z, w in the viewers' frames: the given attitude multiplied by a
-/// quarter turn about up.
+/// Returns the quaternion x, y, z, w of an attitude in the viewers' frames.
+///
+/// The frames differ from the native ones by a quarter turn about up.
 fn for_viewers([w, x, y, z]: [f64; 4]) -> [f64; 4] {
     let s = 0.5_f64.sqrt();
     [s * (x + y), s * (y - x), s * (z + w), s * (w - z)]

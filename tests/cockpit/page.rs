@@ -139,8 +139,8 @@ fn every_view_shows_published_values() {
         assert_eq!(drawn, attitude[1..5], "tick {tick}");
         let (_, b, _) = up(&attitude);
         assert!((pitch_deg - b.asin().to_degrees()).abs() < 1e-9, "{pitch_deg}");
-        // The attitude is published one hop after the fused state, so a snapshot may contain the
-        // two from different ticks.
+        // The attitude is published one hop after the fused state, so the two in a snapshot may
+        // belong to different ticks.
         let fused = row(&out, w_tick);
         let (a, b, c) = up(&fused);
         assert!((w[0] - a / (1.0 + c)).abs() < 1e-9 && (w[1] - b / (1.0 + c)).abs() < 1e-9, "{w:?} {fused:?}");
@@ -155,8 +155,8 @@ fn missing_webgl_falls_back_to_2d_with_reason() {
     page.goto(&address(&system, port), (1280, 720), "light", false);
     page.until("plumb.state().kind === 'live' && plumb.drawn()?.quaternion");
     assert_eq!(page.text("plumb.fallbackReason()"), "this browser does not support WebGL 2; using the 2-D fallback");
-    // Checks that something is drawn, and that the vertical axis is drawn between the middle of the
-    // picture and the label "up z" of the axis.
+    // Checks that the picture is not empty, and that the vertical axis is drawn between the middle
+    // of the picture and the label "up z".
     let code = "(() => {
         const c = document.querySelector('.panel canvas');
         const { data } = c.getContext('2d').getImageData(0, 0, c.width, c.height);
@@ -320,8 +320,8 @@ fn all_views_share_time_line_and_cursor() {
     let view = View::of_system(&system, &format!("127.0.0.1:{}", free_port()));
     let Some(mut page) = Page::open(&view.address) else { return };
     let running = start_all(&system, &[]);
-    // A flag event extends from the first to the last snapshot with the flag, including snapshots
-    // missed in between.
+    // A flag event lasts from the first to the last snapshot with the flag, even if snapshots in
+    // between are missing.
     page.until("plumb.data.events.some(({ label, until }) => label === 'fault-injected' && until > 5.5)");
     page.until("plumb.data.events.some(({ label }) => label === 'force-stuck')");
     let code = "(events => [Math.min(...events.map(({ t }) => t)), Math.max(...events.map(({ until }) => until))])(plumb.data.events.filter(({ label }) => label === 'fault-injected'))";
@@ -626,7 +626,7 @@ fn paused_view_is_kept_and_page_does_not_grow() {
     page.until("plumb.data.frames.length > 100");
     page.key(" ");
     page.until("document.getElementById('state').textContent === 'paused'");
-    // Pushes ten minutes of snapshots in one call, so that no others arrive in between.
+    // Pushes ten minutes of snapshots in one call, so that no other snapshots arrive in between.
     let result = page.eval(
         "(() => {
             const { data } = plumb, { number, picture } = data.frames.at(-1);

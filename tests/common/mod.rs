@@ -330,8 +330,10 @@ impl Run {
     }
 }
 
-/// Returns the tested program: `plumb` of this build, or the file in the variable
-/// `PLUMBLINE_PROGRAM`, such as a packaged program for another processor.
+/// Returns the program under test, which is `plumb` of this build.
+///
+/// The variable `PLUMBLINE_PROGRAM` can name another file, such as a packaged program for another
+/// processor.
 pub(crate) fn program() -> PathBuf {
     std::env::var_os("PLUMBLINE_PROGRAM").map_or_else(|| env!("CARGO_BIN_EXE_plumb").into(), PathBuf::from)
 }

@@ -26,7 +26,8 @@ const END: &[u8] = b"\x1b]0;end\x07";
 pub(crate) struct TerminalProgram {
     pub(crate) child: Child,
     keys: File,
-    /// The program's end of the terminal. It stays open, so that remaining output can be read.
+    /// Side of the terminal that the program uses. It stays open, so that remaining output can be
+    /// read.
     program_side: File,
     screen: Arc<Mutex<Parser>>,
     was_full_screen: Arc<AtomicBool>,

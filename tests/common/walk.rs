@@ -5,8 +5,9 @@ use std::{
     time::Instant,
 };
 
-/// Prints each step with its duration to standard error, bypassing the output capture of the test
-/// harness, and the total duration of the walk at its end.
+/// Prints the duration of each step of a walk, and the total duration when dropped.
+///
+/// The output goes to standard error and bypasses the output capture of the test harness.
 pub(crate) struct Walk {
     name: String,
     started: Instant,
@@ -20,7 +21,7 @@ impl Walk {
         Self { name: name.into(), started: now, step_started: now, steps: 0 }
     }
 
-    /// Ends a step.
+    /// Ends the current step and prints its name `what` and its duration.
     pub(crate) fn step(&mut self, what: &str) {
         self.print(&format!("{what}, {:.1} s", self.step_started.elapsed().as_secs_f64()));
         self.step_started = Instant::now();

@@ -275,8 +275,9 @@ fn services(name: &str) -> Vec<serde_json::Value> {
     crate::common::services(name)
 }
 
-/// Returns the lines of a score table and the lines below it, without the time per update, which
-/// ends a row.
+/// Returns the words of each line of a score table and of the lines below the table.
+///
+/// The time per update, which is the last word of a row, is removed.
 fn without_cost(text: &str) -> Vec<Vec<&str>> {
     let words = |line| str::split_whitespace(line).collect::<Vec<_>>();
     let lines = text.lines().map(words).filter(|words| !words.is_empty());

@@ -1,5 +1,5 @@
-//! `plumb topic --remote` shows the same as `plumb topic` on board, and also counts network losses.
-//! Values unknown to a remote observer are null.
+//! `plumb topic --remote` shows the same values as `plumb topic` on board, and also counts network
+//! losses. Values unknown to a remote observer are null.
 use std::{
     io::{BufRead, BufReader, Read},
     process::{Child, Output, Stdio},

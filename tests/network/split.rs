@@ -419,7 +419,7 @@ fn run(program: &str, arguments: &[&str]) -> Result<(), String> {
     if output.status.success() { Ok(()) } else { Err(format!("{program} {}: {stderr}", arguments.join(" "))) }
 }
 
-/// Creates certificates for both ends: `ca.pem`, and `a.pem` and `b.pem` with their keys.
+/// Creates certificates for both hosts: `ca.pem`, and `a.pem` and `b.pem` with their keys.
 fn certificates(folder: &Path) -> Result<(), String> {
     let path = |file: &str| folder.join(file).to_str().unwrap().to_owned();
     let curve = ["-newkey", "ec", "-pkeyopt", "ec_paramgen_curve:prime256v1", "-nodes", "-days", "2"];

@@ -13,7 +13,7 @@ use crate::{
     pipeline::drivers::open_serial_device,
 };
 
-/// Sets a flag on drop, also if a test fails.
+/// Sets a flag on drop, even if the test fails.
 struct SetOnDrop<'a>(&'a AtomicBool);
 
 impl Drop for SetOnDrop<'_> {

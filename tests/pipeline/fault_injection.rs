@@ -32,8 +32,8 @@ fn every_fault_is_flagged_and_attitude_recovers_in_time() {
     assert!(!clean.line("flags").contains("fault-injected"), "{}", clean.stderr);
     let bound_deg = 2.0 * rms(errors.iter().filter(|(t_s, _)| *t_s > FROM_S).map(|(_, error_deg)| *error_deg)) + 0.05;
     println!("recovered below {bound_deg:.3}°");
-    // The input checks accept finite, varying values, so the estimator has to correct the effect of
-    // a fault with such values.
+    // The input checks accept faulty values that are finite and vary, so the estimator has to
+    // correct their effect.
     let cases = [
         ("gyro", "\"off\"", 2.0, "rate-invalid", 7.0),
         ("accel", "\"off\"", 3.0, "force-invalid", 0.0),

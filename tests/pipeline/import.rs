@@ -77,7 +77,7 @@ fn is_same(original: f64, returned: f64) -> bool {
 fn recording_survives_mcap_round_trip() {
     let Some(data) = data() else { return };
     let system = System::new("");
-    // The first recording has gaps in its reference, the second one has a fixes file.
+    // The first recording has gaps in its reference. The second one has a fixes file.
     for file in ["broad/02_undisturbed_slow_rotation_B.csv.gz", "flights/apm_plane_log2_imu.csv.gz"] {
         let file = data.join(file);
         let back = import(&system, &import(&system, file.to_str().unwrap(), "way.mcap"), "back_imu.csv");

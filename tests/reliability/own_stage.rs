@@ -227,7 +227,7 @@ fn hung_program_and_its_children_end_with_the_system() {
         text.split_whitespace().map(|pid| pid.parse().unwrap()).collect()
     };
     let running = system.start(&[]);
-    // The supervisor starts every stage once itself, and the service starts it again.
+    // The program of a stage is started twice: first by the supervisor, then by the service.
     wait_for("the service to start the program", || pids().len() >= 4);
     running.interrupt();
     running.wait();

@@ -10,8 +10,9 @@ use std::{
 use crate::common::{Run, Running, System, copy_program, signal, wait_for};
 use rustix::process::Signal;
 
-/// Runs `launch`, disturbs the run, and compares its output with that of an undisturbed run with
-/// the same number of ticks.
+/// Runs `launch` and disturbs the run.
+///
+/// Compares the output with that of an undisturbed run with the same number of ticks.
 fn assert_undisturbed(launch: &str, arguments: &[&str], disturb: impl FnOnce(&Running)) -> Run {
     let system = System::new(launch);
     let out = system.path("out.csv");

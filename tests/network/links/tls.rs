@@ -20,7 +20,7 @@ const TIMEOUT: Duration = Duration::from_secs(60);
 /// Timeout of one poll.
 const POLL_TIMEOUT: Duration = Duration::from_millis(50);
 
-/// Listening vehicle with its own key folder and those of other parties.
+/// Listening vehicle with its own key folder and the key folders of other parties.
 struct Board {
     folder: TempDir,
     port: u16,

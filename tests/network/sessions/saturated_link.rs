@@ -57,7 +57,7 @@ fn send_messages(to: &Session, key: &str) -> u64 {
     number
 }
 
-/// Receives and checks messages until the empty one, and returns their number.
+/// Receives and checks messages until the empty message arrives, and returns their number.
 fn receive_messages(subscriber: &SampleSubscriber) -> u64 {
     for number in 0.. {
         let sample = subscriber.recv_timeout(RECEIVE_TIMEOUT).unwrap().unwrap();

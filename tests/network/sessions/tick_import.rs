@@ -6,7 +6,7 @@ const CARRY: &str = "plumbline/v1/board/@carry";
 const CACHED: &str = "plumbline/v1/board/@carry?from=0;to=9";
 const ATTITUDE: &str = "plumbline/v1/board/attitude";
 
-/// Publishes ticks and replies to queries for cached ones.
+/// Publishes ticks and replies to queries for cached ticks.
 struct Board {
     session: Session,
     queries: Received,

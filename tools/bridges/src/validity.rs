@@ -21,8 +21,10 @@ pub enum WithholdReason {
     Stale,
 }
 
-/// Checks that an attitude is aligned and recent, that its quaternion is a rotation, and that its
-/// angles and rates are finite in single precision.
+/// Checks that an attitude may be sent.
+///
+/// It must be aligned and recent, its quaternion must be a rotation, and its angles and rates must
+/// be finite in single precision.
 ///
 /// # Errors
 ///

@@ -131,8 +131,10 @@ impl SwapCampaign {
 }
 
 impl SwapCampaignReport {
-    /// Returns `true` if every swap was committed, no tick was lost, duplicated or out of order,
-    /// and no byte differs from the undisturbed run.
+    /// Returns `true` if the campaign passed.
+    ///
+    /// Every swap must have been committed, no tick may be lost, duplicated or out of order, and no
+    /// byte may differ from the undisturbed run.
     pub fn passed(&self) -> bool {
         self.committed == self.swaps
             && (self.lost, self.duplicated, self.out_of_order) == (0, 0, 0)

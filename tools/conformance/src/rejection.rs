@@ -109,8 +109,9 @@ impl<L: SlotSpec, S: SlotStage<L>, M: Fn() -> S> RejectionCheck<'_, L, S, M> {
         self.unchanged_error(stage, result.is_err()).map(|error| format!("{}: {error}", name()))
     }
 
-    /// Returns an error unless the stage has rejected a state and is unchanged: its own state and
-    /// its later outputs must be bit-identical to those of `self.stage`.
+    /// Returns an error unless the stage has rejected a state and is unchanged.
+    ///
+    /// The state and the later outputs of the stage must be bit-identical to those of `self.stage`.
     fn unchanged_error(&self, mut stage: S, rejected: bool) -> Option<String> {
         if !rejected {
             return Some("accepted".into());
@@ -122,8 +123,10 @@ impl<L: SlotSpec, S: SlotStage<L>, M: Fn() -> S> RejectionCheck<'_, L, S, M> {
         Some(format!("rejected, but the output differs at tick {tick}"))
     }
 
-    /// Returns an error if the stage accepts the snapshot and then yields an invalid output or
-    /// common state, or if it rejects the snapshot but is changed by it.
+    /// Returns an error if a snapshot harms the stage.
+    ///
+    /// The stage must either accept the snapshot and then yield valid outputs and a valid common
+    /// state, or reject it and stay unchanged.
     fn harm(&self, snapshot: &Snapshot) -> Option<String> {
         let mut stage = self.stage.clone();
         if stage.restore(snapshot).is_err() {

@@ -8,7 +8,8 @@
 pub(crate) fn dashes(line: &[(f64, f64)], from: f64, on: f64, off: f64) -> Vec<Vec<(f64, f64)>> {
     let period = on + off;
     let period_bounds = |x: f64| {
-        // The end of a period belongs to the next one, even if it was rounded down.
+        // The end of a period belongs to the next period, even if rounding makes it slightly too
+        // small.
         let start = from + ((x - from) / period + 1e-9).floor() * period;
         (start + on, start + period)
     };

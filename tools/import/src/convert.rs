@@ -82,8 +82,10 @@ pub fn convert(
     import(&mut *open_source(format, paths, options)?, &paths[0], options.segment, out, progress)
 }
 
-/// Returns the times of the first and the last row of a recording, ns, if it can be read without an
-/// import: every row is valid, and its clock neither wraps nor starts again.
+/// Returns the times of the first and the last row of a recording, ns.
+///
+/// The result is `None` if the recording must be imported to be read. This is the case if a row is
+/// invalid, or if the clock wraps or starts again.
 pub fn plain_recording_range_ns(path: &Path) -> Option<[i64; 2]> {
     let mut finder = SegmentFinder::default();
     for row in recording::Reader::open(path).ok()? {

@@ -220,8 +220,8 @@ impl Source for CsvSource {
     fn fixes(&self) -> Result<Samples<'_, ReceiverFix>, ImportError> {
         let Some((position, group)) = &self.groups.velocity else { return Ok(Box::new(iter::empty())) };
         let (mapping, position) = (&self.mapping, *position);
-        // If the fixes are in the same file as the rates, several rows repeat one fix, which is
-        // then passed on only once.
+        // If one file contains both rates and fixes, several rows repeat the same fix. It is passed
+        // on only once.
         let is_repeated = group.path == self.groups.rate.path;
         let mut last = None;
         self.files.samples(group, mapping.time_digits(), move |record, t_ns, velocity| {
@@ -284,7 +284,7 @@ struct ColumnGroups {
     reference: Option<ColumnGroup<4>>,
     /// Position columns, and the velocity columns in the same file.
     velocity: Option<([Option<usize>; 3], ColumnGroup<3>)>,
-    /// File and index of the column that is 1 in rows that are scored.
+    /// File and index of the column that contains 1 in scored rows.
     scored: Option<(PathBuf, usize)>,
 }
 

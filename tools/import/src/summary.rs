@@ -202,7 +202,8 @@ pub enum Note {
         /// Description of the damage.
         found: ForeignText,
     },
-    /// Rates are instantaneous values, not means over an interval. A recording cannot express this.
+    /// Rates are instantaneous values, not means over an interval. The recording format cannot
+    /// express this.
     InstantRates,
     /// Several topics contain the same quantity. One of them was read.
     OtherTopics {

@@ -25,7 +25,7 @@ struct StageEntry {
     name: &'static str,
     /// `true` for the stage that runs if no stage is selected.
     is_default: bool,
-    /// Stages that this one combines; empty if it combines none.
+    /// Names of the stages that this stage combines; empty if it combines none.
     parts: &'static [&'static str],
     #[serde(serialize_with = "serialize_parameters")]
     parameters: &'static [Parameter],

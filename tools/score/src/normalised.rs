@@ -131,8 +131,10 @@ pub struct RatioQuantiles {
     pub quantile_68: f64,
     /// Ratio that 95 % of the samples do not exceed.
     pub quantile_95: f64,
-    /// Both quantiles divided by their ideal values: 1 if the reported standard deviation is
-    /// correct, above 1 if it is too small.
+    /// Both quantiles divided by their ideal values.
+    ///
+    /// The results are 1 if the reported standard deviation is correct, and above 1 if it is too
+    /// small.
     pub over_ideal: [f64; 2],
 }
 

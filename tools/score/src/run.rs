@@ -185,14 +185,16 @@ fn check_parent_folder(path: &Path) -> Result<(), ScoreError> {
     fs::metadata(folder).map(drop).map_err(|cause| ScoreError::Write { path: path.into(), cause })
 }
 
-/// Returns the name of each chain and estimate: that of the fuser, or that of the estimate.
+/// Returns the names of all chains and estimates. A chain has the name of its fuser.
 fn names(request: &Request, launches: &[Launch]) -> Vec<String> {
     let estimates = request.estimates.iter().map(|estimate| estimate.name.clone());
     launches.iter().map(|launch| launch.fuser.stage.clone()).chain(estimates).collect()
 }
 
-/// Returns an error if the name of an estimate is not unique or is not a file name, if its file
-/// cannot be read, or if there are several trials.
+/// Returns an error if an estimate is invalid.
+///
+/// Its name must be unique and suitable as a file name, its file must be readable, and there must
+/// be only one trial.
 fn validate_estimates(request: &Request, launches: &[Launch]) -> Result<(), ScoreError> {
     let mut taken: HashSet<&str> = launches.iter().map(|launch| launch.fuser.stage.as_str()).collect();
     for Estimate { name, file, .. } in &request.estimates {
@@ -400,7 +402,8 @@ fn coverage_warning(name: &str, found: u64, of: u64, what: &str) -> Option<Strin
     })
 }
 
-/// Draws the figures of each chain, and those that compare the chains if there are several.
+/// Draws the figures of each chain. If there are several chains, also draws figures that compare
+/// them.
 fn draw(
     request: &Request,
     plotter: &Plotter<'_>,
@@ -483,8 +486,8 @@ fn create_outputs(
     })
 }
 
-/// Returns the path of an output file of the chain or estimate called `name`. If there are several,
-/// each has its own folder.
+/// Returns the path of an output file of the chain or estimate called `name`. If there are several
+/// chains and estimates, each has a separate folder.
 fn output_path(
     request: &Request,
     trial: &Trial,

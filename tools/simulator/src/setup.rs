@@ -213,8 +213,8 @@ impl Setup {
         self.faults.extend([(at_ms, file_fault(random)), (at_ms, kill)]);
     }
 
-    /// Adds two kills at about the time of a swap: one of the slot's owner and one of a process
-    /// that subscribes to the slot.
+    /// Adds two kills at about the time of a swap. One kills the owner of the slot, the other one
+    /// kills a process that subscribes to the slot.
     fn add_kills_at_owner_change(&mut self, random: &mut Random) {
         let swaps = self.faults.iter().filter_map(|(at_ms, fault)| match fault {
             Fault::Swap { slot, shadow_ms: None, .. } => Some((*at_ms, slot.service())),

@@ -182,8 +182,10 @@ impl Layout {
     }
 }
 
-/// Splits the name of a message type of an older log, such as `IMU2`, into the name for the first
-/// sensor and the sensor number.
+/// Splits the name of a message type of an older log, such as `IMU2`, into `IMU` and the sensor
+/// number 1.
+///
+/// Names without a number belong to sensor 0.
 fn numbered_type(name: &[u8]) -> (&[u8], u8) {
     match name {
         [base @ .., digit @ b'2'..=b'9'] if matches!(base, b"IMU" | b"MAG" | b"GPS") => (base, digit - b'1'),

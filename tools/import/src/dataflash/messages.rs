@@ -100,8 +100,9 @@ impl MessageReader {
         }
     }
 
-    /// Returns `true` if the next `length_bytes` bytes are the last message before a damaged part:
-    /// no message starts within [`SEARCHED_BYTES`] after them.
+    /// Returns `true` if the next `length_bytes` bytes are the last message before a damaged part.
+    ///
+    /// This is the case if no message starts within [`SEARCHED_BYTES`] after them.
     fn is_last(&mut self, length_bytes: usize) -> io::Result<bool> {
         self.fill(length_bytes + SEARCHED_BYTES)?;
         let rest = &self.buffer[self.start..self.end][length_bytes..];

@@ -170,8 +170,9 @@ impl Log {
         Ok(())
     }
 
-    /// Selects the series of a sensor of one of `kinds`, in order of preference: the requested one,
-    /// or the first that works. Adds the sensors of that kind to `sensors`.
+    /// Selects the series of a sensor: the requested one, otherwise the first one that works.
+    ///
+    /// The kind is the first of `kinds` with samples. Adds all sensors of that kind to `sensors`.
     fn select_sensor(
         &self,
         all: &AllSeries,

@@ -44,8 +44,9 @@ pub(crate) fn time_chart(
     }
 }
 
-/// Returns a chart of the error over the values of one setting, with a line style for each sweep;
-/// `None` if there are no sweeps.
+/// Returns a chart of the error over the values of one setting; `None` if there are no sweeps.
+///
+/// Each sweep has its own line style.
 pub(crate) fn sweep_chart(sweeps: &[(&Sweep, (RGBColor, LineStyle))]) -> Option<Chart> {
     let (Sweep { setting, unit, objective, .. }, _) = sweeps.first()?;
     let points = || sweeps.iter().flat_map(|(sweep, _)| &sweep.curve);

@@ -214,7 +214,9 @@ impl Curves {
     }
 }
 
-/// Returns z in the upright chart, whichever chart the attitude uses: 2 arg α with α = q0 + j q3.
+/// Returns z in the upright chart, even if the attitude uses the other chart.
+///
+/// With α = q0 + j q3, z = 2 arg α.
 fn z_rad(attitude: Attitude) -> f64 {
     let q = attitude.quaternion();
     wrapped_rad(2.0 * q.k.atan2(q.w))
