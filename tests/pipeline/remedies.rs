@@ -1,5 +1,6 @@
-//! Remedies that `import`, `info` and `score` print for files: each command is pasted into a shell,
-//! and the file that it writes is read.
+//! Remedies that `import`, `info` and `score` print for files that they cannot read.
+//!
+//! Each command in a remedy is pasted into a shell, and the file that it writes is read.
 use std::{
     env, fs,
     path::{Path, PathBuf},
@@ -134,7 +135,7 @@ fn conversions_of_refused_formats_yield_readable_files() {
         let output = shell(&system, command);
         assert!(output.status.success(), "{command}: {}", text(&output.stderr));
         if name.ends_with(".gz") {
-            // The packed file is in UTF-16, so its remedy follows.
+            // The packed file is in UTF-16, so the remedy for UTF-16 follows.
             assert!(refusal(&system.path(result)).contains("UTF-16BE"));
         } else {
             assert_read(&system.path(result), &[]);

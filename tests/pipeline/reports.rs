@@ -1,4 +1,5 @@
-//! Inputs that users of comparable projects report are read, or refused with a working remedy.
+//! Problematic inputs, as reported by users of comparable projects, are read or are refused with a
+//! working remedy.
 use std::{
     fs,
     io::Write,
@@ -11,7 +12,7 @@ use serde_json::Value;
 
 use crate::common::{System, attitudes, data, plumb};
 
-/// Mapping of the columns of most inputs.
+/// Column mapping for most of the inputs.
 const MAP: &str = "gx=wx,gy=wy,gz=wz,ax=fx,ay=fy,az=fz";
 const ROWS: usize = 400;
 
@@ -59,8 +60,8 @@ fn error_deg(scores: &Value, stage: usize, key: &str) -> f64 {
     scores.pointer(&path).and_then(Value::as_f64).unwrap_or_else(|| panic!("no {key}: {scores}"))
 }
 
-/// Asserts that `import`, `score`, `info` and `up --replay` read a file with these arguments. It
-/// must have [`ROWS`] rows at 50 Hz, the first of them at `first_s`.
+/// Asserts that `import`, `score`, `info` and `up --replay` read a file with these arguments. The
+/// file must have [`ROWS`] rows at 50 Hz, and the first row must be at `first_s`.
 fn assert_read(system: &System, file: &Path, arguments: &[&str], first_s: f64, note: &str) {
     let (times, summary) = imported(system, file, arguments);
     assert_eq!((times.len(), times[0]), (ROWS, first_s), "{summary}");
@@ -74,8 +75,8 @@ fn assert_read(system: &System, file: &Path, arguments: &[&str], first_s: f64, n
     assert!(text(&info.stdout).contains("400 samples at 50.0 Hz"), "{}", text(&info.stdout));
 }
 
-/// Returns the number of ticks and the exit code of a system that reads the text from standard
-/// input.
+/// Returns the number of ticks, the exit code and the standard error of a system that reads
+/// `contents` from standard input.
 fn piped(system: &System, contents: &[u8], source: &str) -> (u64, Option<i32>, String) {
     let mut command = system.command(&["--source", source, "--speed", "max"]);
     let mut child = command.stdin(Stdio::piped()).stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap();

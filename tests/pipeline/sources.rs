@@ -31,7 +31,7 @@ use crate::common::{Run, Running, System, attitudes, inclination_deg, plumb, pyt
 const GRAVITY_M_S2: f64 = 9.80665;
 const LEVEL: [f64; 4] = [1.0, 0.0, 0.0, 0.0];
 
-/// Background thread that repeats an action until it is dropped.
+/// Background thread that repeats an action until this value is dropped.
 struct BackgroundTask {
     is_stopped: Arc<AtomicBool>,
     thread: Option<thread::JoinHandle<()>>,

@@ -17,7 +17,7 @@ use rustix::process::Signal;
 /// User id that owns no file of any system.
 const OTHER_USER: u32 = 65534;
 
-/// File or folder with the system's name in its own name.
+/// File or folder with a name that contains the system's name.
 #[derive(Debug)]
 struct FileEntry {
     path: PathBuf,
@@ -47,8 +47,8 @@ fn file_entries(system: &System) -> Vec<FileEntry> {
 
 /// Checks that group and others have no access to any file of the system.
 ///
-/// Entries below a folder that others cannot enter are out of their reach, so subfolders are not
-/// checked.
+/// Subfolders are not checked, because others cannot reach the entries below a folder that they
+/// cannot enter.
 fn assert_private(system: &System, when: &str) {
     let all = file_entries(system);
     let folder = PathBuf::from(format!("/dev/shm/plumbline.{}", system.name));

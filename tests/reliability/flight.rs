@@ -37,7 +37,7 @@ fn count(found: &Value, topic: &str, what: &str) -> u64 {
     found["topics"][topic][what].as_u64().unwrap_or_else(|| panic!("no {what} of {topic} in {found}"))
 }
 
-/// Checks that every tick has all its messages and that they equal the rows of `--out`.
+/// Checks that every tick has all its messages and that the messages equal the rows of `--out`.
 fn assert_every_tick(found: &Value, ticks: u64) {
     for topic in ["/imu", "/gyro", "/accel", "/fused", "/attitude"] {
         assert_eq!(count(found, topic, "ticks"), ticks, "{topic}");
@@ -153,7 +153,8 @@ fn killed_recorder_leaves_readable_file() {
     let echo =
         plumb(&["topic", "echo", "attitude", "--json", "--count", "1", "--system", &system.name]).output().unwrap();
     let tick = serde_json::from_slice::<Value>(&echo.stdout).unwrap()["tick"].as_u64().unwrap();
-    // The file can be read while it is being written. A tick seen on the bus soon appears in it.
+    // The file can be read while it is being written. A tick seen on the bus soon appears in the
+    // file.
     wait_for("the tick to be in the file", || {
         let found = read_with_mcap(python, &flight, None);
         found["topics"]["/attitude"]["last_tick"].as_u64() > Some(tick)

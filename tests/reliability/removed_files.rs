@@ -1,4 +1,4 @@
-//! Removal of and damage to a running system's files.
+//! The files of a running system are removed or damaged.
 //!
 //! Running services continue. When one of them exits, all services restart on a new bus.
 use std::{

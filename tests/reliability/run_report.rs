@@ -1,7 +1,6 @@
-//! If attitudes are missing from the report or the output file, the run counts and reports them and
-//! exits with code 1.
+//! Attitudes that are missing from the report or the output file.
 //!
-//! The attitude itself is never affected.
+//! The run counts and reports them and exits with code 1. The attitude itself is never affected.
 use std::{fs, io, io::Write, process::Command, thread, time::Duration};
 
 use crate::common::{Run, Running, System, attitudes, is_alive, plumb, signal, wait_for};

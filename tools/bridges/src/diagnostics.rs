@@ -37,7 +37,7 @@ pub enum Level {
 pub struct Status {
     /// Severity.
     pub level: Level,
-    /// Name of the component, preceded by that of the node.
+    /// Name of the component, preceded by the node name.
     pub name: String,
     /// Description of the condition.
     pub message: String,
@@ -51,8 +51,8 @@ pub struct AttitudeMonitor {
     newest: Option<AttitudeOutput>,
     /// Union of the flags since the last report.
     flags: Flags,
-    /// Tick and publication time, ns, of the newest attitude at the last report. Until the first
-    /// report, those of the first attitude.
+    /// Tick and publication time, ns, of the newest attitude at the last report. Before the first
+    /// report, these are the values of the first attitude.
     previous: Option<(u64, u64)>,
 }
 

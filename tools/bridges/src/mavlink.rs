@@ -18,7 +18,7 @@ use runtime::frames::attitude_to_frame;
 
 /// `MAV_COMP_ID_AUTOPILOT1`: the component that a ground station shows as the vehicle.
 pub const AUTOPILOT_COMPONENT_ID: u8 = 1;
-/// `MAV_COMP_ID_ONBOARD_COMPUTER`: a component of a vehicle that is not its autopilot.
+/// `MAV_COMP_ID_ONBOARD_COMPUTER`: a component of a vehicle other than the autopilot.
 pub const ONBOARD_COMPUTER_COMPONENT_ID: u8 = 191;
 /// Version of the message definitions (common.xml).
 const MAVLINK_VERSION: u8 = 3;
@@ -121,8 +121,8 @@ impl MavlinkEncoder {
 
     /// Encodes a heartbeat.
     ///
-    /// The component [`AUTOPILOT_COMPONENT_ID`] is reported as a generic autopilot, any other one
-    /// as a companion computer.
+    /// The component [`AUTOPILOT_COMPONENT_ID`] is reported as a generic autopilot, any other
+    /// component as a companion computer.
     pub fn heartbeat(&mut self, status: HeartbeatStatus) -> Vec<u8> {
         let [kind, autopilot] = if self.component_id == AUTOPILOT_COMPONENT_ID { VEHICLE } else { COMPANION };
         // Custom mode and base mode are 0.

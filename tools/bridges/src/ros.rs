@@ -142,8 +142,7 @@ pub fn attachment(sequence_number: i64, stamp_ns: i64, publisher_gid: [u8; 16]) 
     [&sequence_number.to_le_bytes()[..], &stamp_ns.to_le_bytes(), &[publisher_gid.len() as u8], &publisher_gid].concat()
 }
 
-/// Returns the identifier of a publisher, which differs from those of the other publishers of its
-/// session.
+/// Returns the identifier of a publisher, which is unique within the session.
 pub fn publisher_gid(session_id: [u8; 16], entity_id: u32) -> [u8; 16] {
     let mut gid = session_id;
     gid.iter_mut().zip(entity_id.to_le_bytes()).for_each(|(byte, part)| *byte ^= part);

@@ -208,8 +208,8 @@ fn swap(system: &mut SystemUnderTest, name: &str, to: &str, show: &mut dyn FnMut
     system.poll_until(monotonic_ns() + PAUSE_NS)
 }
 
-/// Computes the attitudes without processes and kills, but with the same swaps, and compares them
-/// with those observed.
+/// Computes the attitudes in this process, without kills but with the same swaps, and compares them
+/// with the observed attitudes.
 fn compare(system: &SystemUnderTest) -> Result<DemoReport, CampaignError> {
     let outputs = system.outputs();
     let next_tick = outputs.first().map_or(0, |output| output.header.tick);

@@ -53,7 +53,7 @@ pub struct KillCampaignReport {
 }
 
 impl KillCampaign {
-    /// Runs a system, kills its services and compares the output with an undisturbed run.
+    /// Runs a system, kills its services and compares the output with that of an undisturbed run.
     ///
     /// # Errors
     ///

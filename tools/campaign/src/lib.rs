@@ -1,4 +1,4 @@
-//! Stress tests of a running system, which kill services or swap stages at random, and the
+//! Stress tests that kill services or swap stages of a running system at random, and a
 //! demonstration of both.
 //!
 //! - Input: the number of disturbances and a seed.

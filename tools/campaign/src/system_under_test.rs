@@ -260,7 +260,7 @@ impl Drop for SystemProcess {
     }
 }
 
-/// Returns the text of a launch file with simulated sensors that permits any number of restarts.
+/// Returns the text of a launch file with simulated sensors and an unlimited number of restarts.
 /// The text ends with the section `[ingest.sim]`.
 pub(crate) fn launch_text(name: &str, services: &[Service], rate_hz: u32) -> String {
     let services: Vec<_> = services.iter().map(|service| service.name()).collect();

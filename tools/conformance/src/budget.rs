@@ -22,7 +22,7 @@ pub(crate) struct Budget<'a> {
     started: Cell<u64>,
     /// Number of checks and cases of the current group that were left out.
     left_out: Cell<u64>,
-    /// Receives the name of each check before it runs.
+    /// Function that is called with the name of each check before the check runs.
     on_check: &'a dyn Fn(&str),
 }
 

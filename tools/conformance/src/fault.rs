@@ -29,7 +29,7 @@ const NON_FINITE: [f64; 3] = [f64::NAN, f64::INFINITY, f64::NEG_INFINITY];
 /// Fault of the sensors, the timestamps or the motion.
 #[derive(Debug, Clone, Copy)]
 pub struct Fault {
-    /// Name of the fault, also the name of its row in `recovery.csv`.
+    /// Name of the fault and of its row in `recovery.csv`.
     pub name: &'static str,
     /// Duration, s.
     pub duration_s: f64,

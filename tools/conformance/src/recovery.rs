@@ -79,8 +79,8 @@ pub(crate) fn checks<L: SlotSpec, S: SlotStage<L>>(make: &impl Fn() -> S, budget
     checks
 }
 
-/// Returns the time from the end of the fault until the error stays within the bound, s. Returns
-/// `None` if the last error of the script exceeds the bound.
+/// Returns the time from the end of the fault until the error finally stays within the bound, s.
+/// Returns `None` if the last error of the script exceeds the bound.
 ///
 /// `errors_deg` begins at the start of the fault.
 fn recovery_s(fault: &Fault, errors_deg: &[(f64, f64)], bound_deg: f64) -> Option<f64> {

@@ -18,7 +18,7 @@ pub struct Report {
     pub left_out: Vec<LeftOut>,
 }
 
-/// Part of a group of checks that was left out.
+/// Checks of a group that were left out for lack of time.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize)]
 pub struct LeftOut {
     /// Name of the group.
@@ -66,7 +66,7 @@ impl Report {
 }
 
 impl Check {
-    /// Creates a check that fails with the given violation, or passes if it is `None`.
+    /// Creates a check that fails with the given violation, or passes if `failure` is `None`.
     pub fn property(name: impl Into<String>, failure: Option<String>) -> Self {
         Self { name: name.into(), passed: failure.is_none(), measurement: None, failure }
     }

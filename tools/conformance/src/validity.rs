@@ -15,7 +15,7 @@ use crate::{
 const EXTREME_NUMBERS: [f64; 7] = [0.0, 1e-300, 1e4, -1e9, 1e30, -1e100, f64::MAX];
 
 /// Function that sets one quantity of a tick to a number. If the quantity belongs to a fix, the
-/// other values of the fix are copied from the given one.
+/// other values of the fix are copied from the given fix.
 type SetNumber = fn(&mut Tick, f64, Option<Fix>);
 
 pub(crate) fn checks<L: SlotSpec, S: SlotStage<L>>(make: &impl Fn() -> S, budget: &Budget<'_>) -> Vec<Check> {

@@ -1,4 +1,4 @@
-//! Conversion of a table of fixes or reference attitudes in any text dialect into a plain one.
+//! Conversion of a table of fixes or reference attitudes from any text dialect to plain CSV.
 //!
 //! Input: text with column names, by the rules of [`mapping::text`]. A unit of time in the name of
 //! the time column applies to it.
@@ -45,7 +45,7 @@ impl Table {
     }
 }
 
-/// Writes the table at `path` to `out` in the form of the recording format.
+/// Writes the table at `path` to `out` in the recording format.
 ///
 /// # Errors
 ///

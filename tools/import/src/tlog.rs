@@ -296,7 +296,7 @@ impl Observer {
         Self { imu, name, format: Mavlink::new(settings(Some(imu))), state: SensorState::default() }
     }
 
-    /// Adds the measurement of a frame, if it has one.
+    /// Adds the measurement in a frame, if any.
     fn observe(&mut self, frame: &[u8]) {
         let mut measurements = Vec::new();
         self.format.parse(frame, &mut measurements);
@@ -432,7 +432,7 @@ impl MessageReader {
         Ok(true)
     }
 
-    /// Reads on until a complete record is buffered or the file ends.
+    /// Reads until a complete record is buffered or the file ends.
     fn fill(&mut self) -> io::Result<()> {
         // The start of the record after the next one is needed as well.
         if self.has_ended || self.buffer.len() - self.start >= 2 * MAX_RECORD_BYTES {

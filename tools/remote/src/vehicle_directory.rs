@@ -176,7 +176,7 @@ fn poll_services(link: &Link, reports: &Arc<ServiceReports>) {
     }
 }
 
-/// Updates the summaries of all vehicles while they are in use.
+/// Updates the summaries of all vehicles while the summaries are in use.
 fn update_lines(mut monitor: FleetMonitor, services: &ServiceReports, shared_lines: &VehicleLines) {
     let mut before = Instant::now();
     while Arc::strong_count(shared_lines) > 1 {

@@ -62,8 +62,8 @@ pub(crate) fn evaluate(
     Ok((0..launches.len()).map(mean).collect())
 }
 
-/// Returns the errors of each launch configuration over a trial. The Boolean of a configuration is
-/// `true` if its heading is known at the end.
+/// Returns for each launch configuration the errors over a trial, and `true` if the heading is
+/// known at the end.
 pub(crate) fn evaluate_trial(trial: &Trial, launches: &[Launch]) -> Result<Vec<(Errors, bool)>, ScoreError> {
     let configs: Vec<_> = launches.iter().map(|launch| config(launch, trial)).collect();
     let chain_run = |config: &ServiceConfig| ChainRun::new(config, TrialOutputs::default());
@@ -115,8 +115,8 @@ enum AttitudeSource {
     File(Box<EstimateReader>),
 }
 
-/// Run of one chain, or of an estimate from a file, over one trial, with its statistics and
-/// outputs.
+/// Run over one trial, with its statistics and outputs. The attitudes are computed by a chain or
+/// read from an estimate.
 pub(crate) struct ChainRun {
     source: AttitudeSource,
     pub(crate) collector: Collector,

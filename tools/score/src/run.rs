@@ -358,8 +358,10 @@ fn run_trial(
     Ok(TrialOutcome { scores, warnings, overlay, heading_is_known })
 }
 
-/// Returns the warning of a heading that differs from the reference by a constant angle, degrees,
-/// counter-clockwise. `has_axes` is `true` if the format of the trial defines its axes.
+/// Returns a warning about a constant heading error of `offset_deg` degrees, positive
+/// counter-clockwise.
+///
+/// `has_axes` is `true` if the format of the trial defines its axes.
 fn heading_offset_warning(offset_deg: f64, has_axes: bool) -> String {
     /// Largest magnetic declination away from the poles, degrees.
     const MAX_DECLINATION_DEG: f64 = 40.0;

@@ -119,7 +119,7 @@ impl Default for Convention {
 }
 
 impl Convention {
-    /// Returns the units and axes that the user specified, and those of REP 103 for the rest.
+    /// Returns the units and axes that the user specified. The default for the others is REP 103.
     pub(crate) fn new(mapping: &Mapping) -> Self {
         let (standard, units, (body, earth)) = (Self::default(), mapping.units(), mapping.frame());
         Self {

@@ -1,8 +1,8 @@
 //! Reads the messages of a ULog.
 //!
 //! The ULog parser receives only the formats and messages of the wanted topics, and only after
-//! their lengths have been checked. Otherwise, deeply nested formats of other topics could keep it
-//! busy for very long, and messages that are too short could make it panic.
+//! their lengths have been checked. Otherwise, the parser could take very long for deeply nested
+//! formats of other topics, and could panic on messages that are too short.
 
 use std::{
     cell::RefCell,

@@ -19,8 +19,9 @@ pub(crate) struct Series<'a> {
     pub(crate) curve: &'a Curve,
 }
 
-/// Returns a chart of curves over time without a legend. Values outside `y_range` are drawn at its
-/// nearest end. The smallest and the largest value of each `merged_bins` bins of a curve are drawn.
+/// Returns a chart of curves over time without a legend. Values outside `y_range` are drawn at the
+/// nearest end of this range. The smallest and the largest value of each `merged_bins` bins of a
+/// curve are drawn.
 pub(crate) fn time_chart(
     label: &'static str,
     x_range: Range<f64>,

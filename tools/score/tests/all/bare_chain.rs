@@ -22,7 +22,7 @@ use attitude::{
 use recording::{Reader, Row};
 use score::{Request, stages::StageSelection, table::Scores};
 
-/// Stages to compare: the default, its main part, and a published filter.
+/// Stages to compare: the default stage, the main stage that it combines, and a published filter.
 const FUSERS: [&str; 3] = ["multiple-model", "wz", "vqf"];
 /// Recordings in the data folder, one per sensor.
 const RECORDINGS: [&str; 4] = [
