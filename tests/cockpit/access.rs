@@ -117,7 +117,7 @@ fn read_bytes(mut stream: &TcpStream, count: usize) {
     }
 }
 
-/// Encodes a client's WebSocket frame, with a zero mask, that presents a token.
+/// Encodes a WebSocket frame that presents a token. The frame has a zero mask.
 fn token_frame(token: &str) -> Vec<u8> {
     let command = [b"\x0a\x04look\x12", &[token.len() as u8][..], token.as_bytes(), b"\x18\x04"].concat();
     [&[0x82, 0x80 | command.len() as u8, 0, 0, 0, 0][..], &command].concat()

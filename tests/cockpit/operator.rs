@@ -157,7 +157,7 @@ fn log_is_shown_to_operator_without_token() {
     system.wait_until_running();
     let url = address(&system, port);
     let (_, token) = url.split_once('#').unwrap();
-    // Foreign text is shown as text.
+    // Foreign text is shown as plain text and is not interpreted as HTML.
     writeln!(file, "address {url} <b>bold</b> \u{1b}[31mred").unwrap();
     if let Some(mut viewer) = Page::open(&format!("{}/system", viewer_address(&system, port))) {
         let shown = "document.querySelector('.log').textContent";

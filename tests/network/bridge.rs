@@ -19,9 +19,9 @@ use rustix::process::Signal;
 use serde_json::{Value, json};
 
 const TUMBLE: &str = "ingest.sim.scenario = \"tumble\"";
-/// Offset of MAV_STATE in a heartbeat frame.
+/// Offset of MAV_STATE in a heartbeat frame, bytes.
 const STATE: usize = 17;
-/// Offset of the message number in a frame. Heartbeats have the number 0.
+/// Offset of the message number in a frame, bytes. Heartbeats have the number 0.
 const MESSAGE: usize = 7;
 const BOOT: u8 = 1;
 const ACTIVE: u8 = 4;

@@ -139,7 +139,7 @@ fn resident_kib(pid: u64) -> u64 {
     line.split_whitespace().next().unwrap().parse().unwrap()
 }
 
-/// Runs a system for 5 s under `attack`, which runs until its flag is set.
+/// Runs a system for 5 s under `attack`, which must return once the flag passed to it is set.
 ///
 /// Returns the run and the peak memory of the gateway, KiB.
 fn run_under_attack(system: &System, attack: impl Fn(&str, &AtomicBool) + Sync) -> (Run, u64) {

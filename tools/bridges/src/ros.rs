@@ -5,9 +5,9 @@
 //!   the messages.
 //! - Failure: an invalid topic or frame name is rejected.
 //!
-//! Sources: docs/design.md of rmw_zenoh for keys, tokens and attachments, in the form written by
-//! the crate `hiroz-protocol` 0.2.1; REP 2011 for the type hashes of the message definitions in ROS
-//! 2 jazzy, computed by `rosbags`.
+//! Sources: keys, tokens and attachments follow docs/design.md of rmw_zenoh, and are written like
+//! those of the crate `hiroz-protocol` 0.2.1. The type hashes follow REP 2011. They were computed
+//! by `rosbags` from the message definitions of ROS 2 jazzy.
 
 /// Type name of `sensor_msgs/msg/Imu` in keys, and hash of its definition.
 const IMU_TYPE_AND_HASH: [&str; 2] =

@@ -57,8 +57,8 @@ pub struct Progress {
 /// Converts the files at `paths` into the recording `out`.
 ///
 /// The recording is compressed with gzip if its name ends in `.gz`. Fixes are written to
-/// `NAME_gnss.csv` next to it. The files are readable only by their owner and appear only once they
-/// are complete.
+/// `NAME_gnss.csv` next to the recording. The files are readable only by their owner and appear
+/// only once they are complete.
 ///
 /// # Errors
 ///
@@ -283,7 +283,7 @@ fn import(
         }
         Some(_) => {}
     }
-    // Rows of other segments count as unused only if the user did not choose one.
+    // Rows of other segments count as unused only if the user did not choose a segment.
     let counts_segment = |index: &usize| segment.is_none() || *index == choice.index;
     let counted = (0..choice.segments.len()).filter(counts_segment).filter_map(|index| choice.segments.get(index));
     let surveyed_rows = counted.map(|segment| segment.samples).sum::<u64>();

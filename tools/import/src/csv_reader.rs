@@ -125,7 +125,7 @@ impl CsvReader {
 /// Lines that describe the columns.
 struct Header {
     names: String,
-    /// Line after the names, which may hold their units.
+    /// Line with the units of the columns, if it follows the names.
     units: Option<String>,
 }
 
@@ -313,7 +313,7 @@ impl Lines {
         } else {
             Box::new(file)
         };
-        // Damage of a compressed file is reported with its line.
+        // Damage in a compressed file is reported with the line number.
         let start = inner.fill_buf().unwrap_or_default();
         let end = if start.contains(&b'\r') && !start.contains(&b'\n') { b'\r' } else { b'\n' };
         Ok(Self { path: path.to_owned(), inner, end, is_before_rows: true, line: 0, damage: None, unended_row: None })

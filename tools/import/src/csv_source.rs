@@ -54,7 +54,7 @@ pub(crate) struct CsvSource {
 impl CsvSource {
     /// Opens the files, reads their headers and resolves the mapping.
     ///
-    /// `time_bits` is the width of the time in bits if it is a wrapping counter.
+    /// `time_bits` is the width of the time in bits if the time is a wrapping counter.
     pub(crate) fn open(
         paths: &[PathBuf],
         mapping: Mapping,

@@ -118,7 +118,7 @@ impl Format {
     }
 }
 
-/// Detects the format of a file that is not compressed by its first bytes.
+/// Detects the format of an uncompressed file by its first bytes.
 fn detect_by_start(start: &[u8]) -> Option<Format> {
     let contains = |part: &[u8]| start.windows(part.len()).any(|window| window == part);
     let magic = MAGIC_NUMBERS.iter().find(|(magic, _)| start.starts_with(magic)).map(|&(_, format)| format);

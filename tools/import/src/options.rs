@@ -18,6 +18,6 @@ pub struct Options {
     pub gnss: Option<usize>,
     /// Number of the segment to read, from 1; the longest one if `None`.
     pub segment: Option<usize>,
-    /// Width of the times in bits if they are a wrapping counter.
+    /// Width of the time in bits if the time is a wrapping counter.
     pub time_bits: Option<u8>,
 }

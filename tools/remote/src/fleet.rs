@@ -153,7 +153,7 @@ fn record_message(
 }
 
 impl Vehicle {
-    /// Adds a service if there is room.
+    /// Adds a service unless the vehicle already has [`MAX_SERVICES`].
     fn add_service(&mut self, service: &str) {
         if self.services.len() < MAX_SERVICES {
             self.services.insert(service.into());

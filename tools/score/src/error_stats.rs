@@ -253,7 +253,7 @@ mod tests {
     use super::*;
 
     /// Returns outputs with heading error `heading_error_deg` and a course error twice as large.
-    /// `reference` is the reference of heading and course.
+    /// `reference` is the zero direction of heading and course.
     fn outputs(t_s: i64, heading_error_deg: f64, reference: CourseReference) -> (AttitudeOutput, FusedState) {
         let (sin, cos) = (0.5 * heading_error_deg).to_radians().sin_cos();
         let mut output = AttitudeOutput {

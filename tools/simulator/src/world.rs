@@ -30,8 +30,8 @@ pub(crate) struct World {
     pub(crate) reference_run: &'static ReferenceRun,
     pub(crate) now_ms: u64,
     pub(crate) bus: Bus,
-    /// Present fault of the bus files, if any. A process that starts after a removal creates a new
-    /// bus, which no other process uses; one that starts after damage exits with an error.
+    /// Current fault of the bus files, if any. A process that starts after a removal creates a new
+    /// bus, which no other process uses. A process that starts after damage exits with an error.
     pub(crate) file_fault: Option<FileFault>,
     pub(crate) processes: Vec<Process>,
     pub(crate) supervision: Supervision,
