@@ -52,7 +52,7 @@ fn all_vehicles_are_listed_and_selected_one_is_shown() {
     page.until("plumb.drawn()?.vehicles?.some(({ vehicle, old }) => vehicle === 'boat' && old)");
     page.until("plumb.drawn().vehicles.some(({ vehicle, old }) => vehicle === 'drone' && !old)");
     page.shot("fleet-gone.png");
-    // Fifty vehicles, one without a connection, are summarized, filtered and sorted.
+    // Fifty vehicles, one without a connection, are summarised, filtered and sorted.
     page.eval(
         "(() => {
             const [line] = plumb.data.standing.vehicles.filter(({ vehicle }) => vehicle === 'drone');

@@ -379,7 +379,7 @@ pub(crate) fn signal(pid: u32, signal: Signal) {
 /// Returns `true` if the process exists and has not exited.
 pub(crate) fn is_alive(pid: u32) -> bool {
     let process = Pid::from_raw(pid as i32).and_then(|pid| pidfd_open(pid, PidfdFlags::empty()).ok());
-    // A pidfd becomes readable when the process exits, reaped or not.
+    // A pidfd becomes readable when the process exits, even before the process is reaped.
     process.is_some_and(|fd| poll(&mut [PollFd::new(&fd, PollFlags::IN)], Some(&Timespec::default())) == Ok(0))
 }
 

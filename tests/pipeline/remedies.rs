@@ -240,7 +240,8 @@ with Writer(Path(sys.argv[1])) as writer:
     let output = Command::new(python).args(["-c", script]).arg(&file).output().unwrap();
     assert!(output.status.success(), "{}", text(&output.stderr));
     let message = refusal(&file);
-    // The script of the package is not on the path of a virtual environment that was moved.
+    // The virtual environment may have been moved, and its path then lacks the script of the
+    // package.
     let command = commands(&message)[0].replace("rosbags-convert", "python3 -m rosbags.convert");
     let output = shell(&system, &command);
     assert!(output.status.success(), "{message}: {}", text(&output.stderr));

@@ -1,6 +1,7 @@
-//! Files written by `plumb score`: tables (`--csv`), from which the scores can be recomputed,
-//! figures with a window and a size (`--plot`), and error curves over a parameter (ranges in
-//! `--set`).
+//! Files written by `plumb score`.
+//!
+//! The scores can be recomputed from the tables (`--csv`). Figures (`--plot`) have a time window
+//! and a size. Ranges in `--set` yield error curves over a parameter.
 use std::{collections::HashMap, fs, ops::Range, path::Path};
 
 use serde_json::Value;

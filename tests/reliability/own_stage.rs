@@ -60,8 +60,8 @@ fn query(system: &System, arguments: &[&str]) -> Value {
     serde_json::from_slice(&output.stdout).unwrap_or(Value::Null)
 }
 
-/// Swaps the stage of a slot. If the swap is aborted because the machine is too slow, it is
-/// repeated; an aborted swap must lose no tick.
+/// Swaps the stage of a slot. Repeats the swap if it is aborted because the machine is too slow. An
+/// aborted swap must lose no tick.
 fn swap_stage(system: &System, slot: &str, to: &str) -> Value {
     for _ in 0..20 {
         let report = query(system, &["swap", slot, to]);

@@ -156,8 +156,8 @@ fn silent_peer_is_detected_before_default_lease() {
     let mut present = [next(), next()];
     present.sort();
     assert_eq!(present, [("live/alpha".into(), true), ("live/beta".into(), true)]);
-    // Alpha goes silent 3 s later than beta. Its loss is nevertheless detected first, because only
-    // beta uses Zenoh's default lease, which is longer.
+    // Alpha goes silent 3 s later than beta. The loss of alpha is nevertheless detected first,
+    // because only beta uses Zenoh's default lease, which is longer.
     proxies[1].cut();
     thread::sleep(Duration::from_secs(3));
     proxies[0].cut();

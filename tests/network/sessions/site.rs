@@ -37,7 +37,7 @@ impl Site {
     }
 
     /// Returns two sites. In the first, vehicles are clients of the router, as in the configuration
-    /// that `plumb keys` writes. In the second, they are peers.
+    /// that `plumb keys` writes. In the second, vehicles are peers.
     pub(super) fn with_vehicle_clients_and_peers(parties: &[&str]) -> [Self; 2] {
         [Self::new(parties), Self { vehicles_are_peers: true, ..Self::new(parties) }]
     }

@@ -44,7 +44,7 @@ pub(crate) fn checks<L: SlotSpec, S: SlotStage<L>>(make: &impl Fn() -> S, budget
             let truth = script.ticks[i].truth;
             if let Some((previous_q, previous_chart)) = previous {
                 // The negated quaternion denotes the same attitude, but a change of sign breaks
-                // interpolation. It therefore counts as a step of 360°.
+                // interpolation. Such a change therefore counts as a step of 360°.
                 let sign_jumps = L::HAS_CONTINUOUS_SIGN && q.dot(&previous_q) < 0.0;
                 let step_deg = match (sign_jumps, has_heading) {
                     (true, _) => 360.0,

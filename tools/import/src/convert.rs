@@ -370,7 +370,7 @@ impl FixesFile {
         Ok(())
     }
 
-    /// Returns notes on fixes that are not used with rows of this time range.
+    /// Returns notes on unused fixes. `rows_ns` is the time range of the rows.
     fn notes(&self, rows_ns: [i64; 2]) -> Vec<Note> {
         let mut notes = Vec::new();
         if self.out_of_order > 0 {

@@ -1,8 +1,8 @@
 //! Reads a single file of text with numbers, in any dialect.
 //!
-//! Input: text, plain or gzip. The column names are in the line before the first row, which may be
-//! a comment; if there are no names, the columns are those of a live stream. The rules for
-//! comments, separators, numbers and times are those of live streams ([`mapping::text`]).
+//! Input: text, plain or gzip. The line before the first row contains the column names and may be a
+//! comment. Without names, the columns are those of a live stream. The rules for comments,
+//! separators, numbers and times are those of live streams ([`mapping::text`]).
 //!
 //! Output: records.
 //!

@@ -70,7 +70,8 @@ pub(crate) struct RowWriter<'a> {
     fields: Peekable<Samples<'a, Sample>>,
     last_field_ns: Option<i64>,
     attitudes: Peekable<Samples<'a, Attitude>>,
-    /// `true` if a slow reference is interpolated. Otherwise it is used at its own times.
+    /// `true` if a slow reference is interpolated. Otherwise, it is used only at the times of its
+    /// samples.
     interpolates_slow: bool,
     /// Newest attitude before the current row.
     previous_attitude: Option<Attitude>,
@@ -307,7 +308,7 @@ fn is_large_rotation(before: &Attitude, after: &Attitude) -> bool {
 }
 
 /// Returns `true` unless the reference is slow and the rotation between two attitudes is often
-/// large. A reference for which the result is `false` is used only at its own times.
+/// large. A reference for which the result is `false` is used only at the times of its samples.
 pub(crate) fn is_calm(attitudes: Samples<'_, Attitude>) -> Result<bool, ImportError> {
     let (mut before, mut slow, mut large) = (None::<Attitude>, 0usize, 0usize);
     for (count, attitude) in attitudes.take(MAX_JUDGED_ATTITUDES).enumerate() {

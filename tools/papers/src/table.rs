@@ -15,7 +15,7 @@ const CHARACTER_WIDTH: f64 = 8.2;
 /// Width of the gap between columns, pixels.
 const COLUMN_GAP: u32 = 22;
 
-/// Table with a header row. The first column is left-aligned, all others are right-aligned.
+/// Table with a header row. The first column is left-aligned, and all others are right-aligned.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Table {
     /// Column titles.

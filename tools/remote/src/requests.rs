@@ -74,7 +74,7 @@ fn query_services(link: &Link, vehicle: &str) -> Result<Services, LinkError> {
     link.query_one(&keys::key(vehicle, keys::SERVICES), Vec::new(), RESPONSE_TIMEOUT)
 }
 
-/// Returns a unique request id, composed of process id and time.
+/// Returns a unique request id, composed of the process id and the time.
 fn request_id() -> String {
     let since = SystemTime::now().duration_since(UNIX_EPOCH).unwrap_or_default();
     format!("{}-{:x}", std::process::id(), since.as_nanos())

@@ -40,7 +40,7 @@ const SERVICES_TIMEOUT: Duration = Duration::from_secs(2);
 const MAX_VIEWS: usize = 8;
 /// Time after which a view for metrics is closed. Prometheus typically polls once a minute.
 const UNUSED_METRICS_TIMEOUT: Duration = Duration::from_secs(90);
-/// Time after which a view without viewers is closed, enough for a page to reconnect.
+/// Time after which a view without viewers is closed. A page needs less time to reconnect.
 const UNUSED_TIMEOUT: Duration = Duration::from_secs(10);
 
 /// Vehicles that are reachable over a link.

@@ -40,7 +40,7 @@ impl EstimateReader {
         Ok(Self { attitudes: References::open(&estimate.file)?, course_reference })
     }
 
-    /// Returns the estimate at the tick of a sample, or `None` if the file does not cover it.
+    /// Returns the estimate at the tick of a sample, or `None` if the file does not cover the tick.
     pub(crate) fn at(&mut self, sample: &ImuSample) -> Result<Option<(AttitudeOutput, FusedState)>, RecordingError> {
         let header = sample.header;
         let Some(found) = self.attitudes.attitude_at(header.t_end_ns, sample.rate_rad_s)? else { return Ok(None) };

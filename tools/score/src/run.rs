@@ -212,7 +212,8 @@ fn validate_estimates(request: &Request, launches: &[Launch]) -> Result<(), Scor
     Ok(())
 }
 
-/// Returns the differences between the chains, given by name, on a trial without a reference.
+/// Returns the differences between the chains on a trial without a reference. `names` contains the
+/// names of the chains.
 fn differences(overlay: &Overlay, names: &[String]) -> Vec<StageDifference> {
     let Some((first, others)) = names.split_first().filter(|_| !overlay.has_reference()) else { return Vec::new() };
     let difference = |(to, curves): (&String, &ErrorCurves)| StageDifference {

@@ -286,7 +286,7 @@ impl Source for Bag<'_> {
             return Ok(Box::new(iter::empty()));
         }
         let uses_log_times = self.uses_log_times();
-        // A fix without a position gets the newest position received before it.
+        // A fix without a position gets the newest position received before the fix.
         let mut newest = None;
         let mut decode = move |Message { topic, log_ns, data }: &Message| {
             let VelocityFix { t_ns, velocity_m_s, position } = match topic.kind {

@@ -87,8 +87,8 @@ fn figure_1() -> Part {
     }
 }
 
-/// Returns quaternions over time. Each has two possible signs, of which the one closer to the
-/// previous quaternion is used.
+/// Returns quaternions over time. The sign of each quaternion is chosen so that it is close to the
+/// previous quaternion.
 fn continuous_quaternions(samples: &[Sample], value: fn(&Sample) -> Quaternion<f64>) -> Vec<(f64, [f64; 4])> {
     let mut previous = Quaternion::new(1.0, 0.0, 0.0, 0.0);
     let next = |sample: &Sample| {

@@ -8,8 +8,8 @@ use plotters::style::RGBColor;
 use super::curve::{Curve, min_and_max};
 use crate::{table::Sweep, tune::is_log_range};
 
-/// Angle step between two consecutive points above which the angle has wrapped around, degrees. The
-/// curve is interrupted there.
+/// Largest step of an angle between two consecutive points, degrees. A larger step means that the
+/// angle has wrapped around, so the curve is interrupted.
 const WRAP_DEG: f64 = 180.0;
 
 /// A curve over time with its name and line style.
