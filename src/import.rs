@@ -65,7 +65,7 @@ pub(crate) struct ReadOptions {
     /// Body axes rfu, frd or flu, or with a reference such as ned-frd
     #[arg(long, value_name = "AXES")]
     frame: Option<String>,
-    /// Topic to read if a bag or MCAP file has several of a kind, repeatable
+    /// Topic to read if a file has several of one type, repeatable
     #[arg(long = "topic", value_name = "TOPIC")]
     topics: Vec<String>,
     /// Segment to read if the clock of the log jumps back [default: longest]

@@ -205,7 +205,7 @@ Examples:
   plumb completions bash
   plumb completions zsh")]
     Completions {
-        /// Shell
+        /// Shell that completes the commands
         shell: clap_complete::Shell,
     },
     /// Write the manual pages of all commands into a folder

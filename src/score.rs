@@ -81,7 +81,7 @@ pub(crate) struct Score {
     /// Magnetic field on or off, or index of the magnetometer in a log
     #[arg(long, value_name = "on|off|N", default_value = "on", value_parser = parse_mag)]
     mag: MagChoice,
-    /// Fixes: auto is NAME_gnss.csv next to NAME_imu.csv.gz, N a receiver
+    /// Fixes: a file, NAME_gnss.csv next to NAME_imu.csv.gz, or receiver N
     #[arg(long, value_name = "FILE|auto|off|N", default_value = "auto", value_parser = parse_gnss)]
     gnss: GnssChoice,
     /// Reference attitude t_s,qw,qx,qy,qz (body to east-north-up)

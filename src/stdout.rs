@@ -59,7 +59,10 @@ pub(crate) fn write_line(text: &dyn Display) -> io::Result<()> {
             let blocked = Instant::now();
             while !has_room()? {
                 if supervisor::is_stop_requested() && blocked.elapsed() >= STOPPED_TIMEOUT {
-                    return Err(io::Error::new(ErrorKind::TimedOut, "its reader does not read"));
+                    return Err(io::Error::new(
+                        ErrorKind::TimedOut,
+                        "the program that reads standard output has stopped reading",
+                    ));
                 }
             }
         }

@@ -49,7 +49,7 @@ const CONNECT_TIMEOUT: Duration = Duration::from_secs(120);
 /// Pause before the measurement starts.
 const SETTLING_TIME: Duration = Duration::from_secs(3);
 
-/// Measure the cost of a fleet for its router
+/// Measure the load of a router that serves a fleet
 #[derive(Parser)]
 struct Cli {
     /// Measure fleets of these sizes, one after the other

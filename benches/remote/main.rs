@@ -69,7 +69,7 @@ struct Cli {
     /// Measure all variants in this many rounds
     #[arg(long, default_value_t = 5)]
     rounds: usize,
-    /// Include `tunnel`, with this iceoryx2 Zenoh tunnel executable
+    /// Measure `tunnel` as well, with this iceoryx2-tunnel program
     #[arg(long)]
     tunnel: Option<PathBuf>,
     /// Print one JSON object on the last line of standard output

@@ -44,7 +44,7 @@ pub(crate) struct Station {
     /// Print one JSON object on the last line of standard output
     #[arg(long)]
     json: bool,
-    /// Print a table each second, also on a terminal
+    /// Print a table each second, even on a terminal
     #[arg(long)]
     lines: bool,
 }

@@ -29,7 +29,7 @@ pub(crate) struct TopCommand {
     /// Time before stopping, such as 10s [default: until q or Ctrl-C]
     #[arg(long = "for", value_name = "TIME", value_parser = duration)]
     pub(super) duration: Option<Duration>,
-    /// Print updates as lines, also on a terminal
+    /// Print updates as lines, even on a terminal
     #[arg(long)]
     pub(super) lines: bool,
 }

@@ -98,7 +98,7 @@ fn listening_vehicle_enforces_roles_of_clients() {
     let rejected = run_with_keys(port, &viewer, &swap);
     assert_eq!((rejected.status.code(), rejected.stdout.len()), (Some(1), 0), "{rejected:?}");
     assert!(
-        stderr(&rejected).contains("takes no command from this client")
+        stderr(&rejected).contains("accepts no commands from this client")
             && stderr(&rejected).contains("--keys keys/operator")
     );
     assert_eq!(fuser(&ps(&system)), before);

@@ -66,7 +66,7 @@
 #define PLUMBLINE_FLAG_CLOCK_LEAP (1 << 8)
 
 /*
- Readings before this one were duplicated or out of order and were rejected.
+ Earlier readings were rejected because they were duplicated or out of order.
  */
 #define PLUMBLINE_FLAG_REFUSED_BEFORE (1 << 9)
 
@@ -76,12 +76,12 @@
 #define PLUMBLINE_FLAG_RATE_INSTANT (1 << 10)
 
 /*
- The motion from the gyro service did not arrive; the attitude was held.
+ The output of the gyro service did not arrive, so the attitude was held.
  */
 #define PLUMBLINE_FLAG_GYRO_MISSING (1 << 11)
 
 /*
- The point from the accel service did not arrive; the attitude followed the gyro.
+ The output of the accel service did not arrive, so the attitude followed the gyro.
  */
 #define PLUMBLINE_FLAG_ACCEL_MISSING (1 << 12)
 
@@ -520,7 +520,7 @@ typedef struct PlumblineFix {
    */
   double velocity_sd_m_s;
   /*
-   Age of the velocity on arrival, s, or NaN.
+   Age of the velocity when it arrives, s, or NaN.
    */
   double age_s;
   /*
@@ -704,7 +704,7 @@ PlumblineStatus plumbline_ahrs_update_at(struct PlumblineAhrs *ahrs,
                                          struct PlumblineAttitude *attitude);
 
 /*
- Processes a gyro and accelerometer sample. The newest field and fix since the previous sample
+ Processes a gyro and accelerometer sample. The newest magnetic field and fix since the previous sample
  take effect. The arguments are those of plumbline_ahrs_update().
  */
 PlumblineStatus plumbline_ahrs_update_imu(struct PlumblineAhrs *ahrs,

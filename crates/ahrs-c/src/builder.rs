@@ -52,13 +52,13 @@ pub enum PlumblineSensor {
     Mag = 2,
 }
 
-/// Kind of the rate samples.
+/// Relation of a gyro sample to the interval before it.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 #[repr(u32)]
 pub enum PlumblineGyroSamples {
-    /// Means over the intervals of the samples.
+    /// Mean over the interval.
     Mean = 0,
-    /// Values at the ends of the intervals.
+    /// Value at the end of the interval.
     Instant = 1,
 }
 
@@ -70,9 +70,9 @@ pub struct PlumblineParameter {
     pub name: [c_char; 64],
     /// Unit; empty for a dimensionless number.
     pub unit: [c_char; 16],
-    /// Meaning.
+    /// Meaning of the parameter.
     pub description: [c_char; 512],
-    /// Default value.
+    /// Default value, in the unit of the parameter.
     pub default_value: f64,
     /// Minimum allowed value.
     pub min: f64,
@@ -238,8 +238,7 @@ pub unsafe extern "C" fn plumbline_builder_mag_range_ut(
     PlumblineStatus::of(builder.and_then(|builder| builder.change(|to| to.mag_range_ut(range_ut))))
 }
 
-/// Sets the longest interval between samples that is not flagged as a gap, 0.001 to 10 s; default
-/// 0.1.
+/// Sets the interval between samples above which a gap is flagged, 0.001 to 10 s; default 0.1.
 ///
 /// # Safety
 ///
@@ -283,7 +282,8 @@ pub unsafe extern "C" fn plumbline_builder_declination_deg(
     PlumblineStatus::of(builder.and_then(|builder| builder.change(|to| to.declination_deg(declination_deg))))
 }
 
-/// Sets the kind of the rate samples: a PlumblineGyroSamples; default mean.
+/// Sets the relation of a gyro sample to the interval before it, a PlumblineGyroSamples; default
+/// mean.
 ///
 /// # Safety
 ///
@@ -429,7 +429,7 @@ pub unsafe extern "C" fn plumbline_builder_parameter_count(builder: *const Plumb
     count.unwrap_or_default()
 }
 
-/// Writes the parameter with this index of the stage in a slot to `parameter`.
+/// Writes one parameter of a slot's stage to `parameter`. The index counts from 0.
 ///
 /// # Safety
 ///

@@ -33,7 +33,7 @@ pub struct PlumblineFix {
     pub velocity_m_s: [f64; 3],
     /// Standard deviation of each component, m/s, or NaN.
     pub velocity_sd_m_s: f64,
-    /// Age of the velocity on arrival, s, or NaN.
+    /// Age of the velocity when it arrives, s, or NaN.
     pub age_s: f64,
     /// Geodetic latitude, rad, north positive, or NaN.
     pub latitude_rad: f64,
@@ -176,8 +176,8 @@ pub unsafe extern "C" fn plumbline_ahrs_update_at(
     unsafe { update(ahrs, gyro_rad_s, accel_m_s2, field_ut, Time::Stamp(t_ns), attitude) }
 }
 
-/// Processes a gyro and accelerometer sample. The newest field and fix since the previous sample
-/// take effect. The arguments are those of plumbline_ahrs_update().
+/// Processes a gyro and accelerometer sample. The newest magnetic field and the newest fix stored
+/// since the previous sample take effect. The arguments are those of plumbline_ahrs_update().
 ///
 /// # Safety
 ///

@@ -25,13 +25,13 @@ pub const PLUMBLINE_FLAG_FORCE_SMALL: u64 = 1 << 6;
 pub const PLUMBLINE_FLAG_GAP: u64 = 1 << 7;
 /// The sensor's clock jumped or ran backwards; time was continued with the usual interval.
 pub const PLUMBLINE_FLAG_CLOCK_LEAP: u64 = 1 << 8;
-/// Readings before this one were duplicated or out of order and were rejected.
+/// Earlier readings were rejected because they were duplicated or out of order.
 pub const PLUMBLINE_FLAG_REFUSED_BEFORE: u64 = 1 << 9;
 /// The rate is the value at the end of the interval, not its mean.
 pub const PLUMBLINE_FLAG_RATE_INSTANT: u64 = 1 << 10;
-/// The motion from the gyro service did not arrive; the attitude was held.
+/// The output of the gyro service did not arrive, so the attitude was held.
 pub const PLUMBLINE_FLAG_GYRO_MISSING: u64 = 1 << 11;
-/// The point from the accel service did not arrive; the attitude followed the gyro.
+/// The output of the accel service did not arrive, so the attitude followed the gyro.
 pub const PLUMBLINE_FLAG_ACCEL_MISSING: u64 = 1 << 12;
 /// Ticks before this one were lost in transit.
 pub const PLUMBLINE_FLAG_LOST_BEFORE: u64 = 1 << 13;

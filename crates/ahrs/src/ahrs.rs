@@ -26,7 +26,7 @@ pub struct GnssFix {
     pub velocity_m_s: [f64; 3],
     /// Standard deviation of each component, m/s, if the receiver reports it.
     pub velocity_sd_m_s: Option<f64>,
-    /// Age of the velocity on arrival, s, if known.
+    /// Age of the velocity when it arrives, s, if known.
     pub age_s: Option<f64>,
     /// Geodetic latitude, rad, north positive, if known.
     pub latitude_rad: Option<f64>,

@@ -40,13 +40,13 @@ flags! {
     GAP = 7 "gap",
     /// The sensor's clock jumped or ran backwards; time was continued with the usual interval.
     CLOCK_LEAP = 8 "clock-leap",
-    /// Readings before this one were duplicated or out of order and were rejected.
+    /// Earlier readings were rejected because they were duplicated or out of order.
     REFUSED_BEFORE = 9 "refused-before",
     /// The rate is the value at the end of the interval, not its mean.
     RATE_INSTANT = 10 "rate-instant",
-    /// The motion from the gyro service did not arrive; the attitude was held.
+    /// The output of the gyro service did not arrive, so the attitude was held.
     GYRO_MISSING = 11 "gyro-missing",
-    /// The point from the accel service did not arrive; the attitude followed the gyro.
+    /// The output of the accel service did not arrive, so the attitude followed the gyro.
     ACCEL_MISSING = 12 "accel-missing",
     /// Ticks before this one were lost in transit.
     LOST_BEFORE = 13 "lost-before",

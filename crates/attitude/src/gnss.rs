@@ -12,7 +12,7 @@ pub struct Fix {
     pub velocity_m_s: Vector3<f64>,
     /// Standard deviation of each velocity component, m/s, if reported.
     pub sd_m_s: Option<f64>,
-    /// Age of the velocity on arrival, s, if known.
+    /// Age of the velocity when it arrives, s, if known.
     pub age_s: Option<f64>,
     /// Geodetic latitude, rad, north positive, if known.
     pub latitude_rad: Option<f64>,

@@ -115,7 +115,7 @@ impl Receiver {
 pub struct FixMetadata {
     /// Standard deviation of each velocity component, m/s.
     pub sd_m_s: Option<f64>,
-    /// Age of the velocity on arrival, s.
+    /// Age of the velocity when it arrives, s.
     pub age_s: Option<f64>,
     /// Geodetic latitude, rad, north positive.
     pub latitude_rad: Option<f64>,

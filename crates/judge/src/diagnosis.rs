@@ -249,7 +249,8 @@ pub(crate) fn field_unit(median_ut: f64) -> Option<Diagnosis> {
 }
 
 pub(crate) fn rejected_fields(count: u64) -> Diagnosis {
-    let evidence = format!("{count} field samples were rejected: at or beyond field_max_ut, or not finite");
+    let evidence =
+        format!("{count} samples of the magnetic field were rejected: at or beyond field_max_ut, or not finite");
     // If a ROS topic uses another unit than tesla, its magnetic field exceeds the limit.
     let causes = vec![
         cause("fields in nT", unit_remedy("mag", 1e-3, "nT")),

@@ -61,7 +61,7 @@ keys! {
 pub struct Calibration {
     /// Bias in raw units.
     pub bias: [f64; 3],
-    /// Matrix in SI units (µT for fields) per raw unit, row by row.
+    /// Matrix in SI units (µT for magnetic fields) per raw unit, row by row.
     pub matrix: [[f64; 3]; 3],
 }
 
@@ -87,7 +87,7 @@ keys! {
     struct CalibrationKeys {
         /// Bias in raw units.
         bias: Option<[f64; 3]> = None, Optional(Vector), example "[0.02, 0.0, -0.05]";
-        /// Scale of each axis, in SI units (µT for fields) per raw unit.
+        /// Scale of each axis, in SI units (µT for magnetic fields) per raw unit.
         scale: Option<[f64; 3]> = None, Optional(Vector), example "[1.001, 1.0, 0.998]";
         /// Matrix that is multiplied with the scale.
         misalignment: Option<[[f64; 3]; 3]> = None, Optional(Matrix);

@@ -126,7 +126,7 @@ payload! {
         velocity_m_s: [f64; 3],
         /// Standard deviation of each component, m/s; NaN if unknown.
         velocity_sd_m_s: f64,
-        /// Age of the velocity on arrival, s; NaN if unknown.
+        /// Age of the velocity when it arrives, s; NaN if unknown.
         age_s: f64,
         /// Geodetic latitude, rad, north positive; NaN if unknown.
         latitude_rad: f64,
@@ -169,7 +169,7 @@ payload! {
         velocity_m_s: [f64; 3],
         /// Standard deviation of each component, m/s; NaN if unknown.
         velocity_sd_m_s: f64,
-        /// Age of the velocity on arrival, s; NaN if unknown.
+        /// Age of the velocity when it arrives, s; NaN if unknown.
         age_s: f64,
         /// Geodetic latitude, rad, north positive; NaN if unknown.
         latitude_rad: f64,
@@ -221,7 +221,7 @@ payload! {
         velocity_m_s: [f64; 3],
         /// Standard deviation of each component, m/s; NaN if unknown.
         velocity_sd_m_s: f64,
-        /// Age of the velocity on arrival, s; NaN if unknown.
+        /// Age of the velocity when it arrives, s; NaN if unknown.
         age_s: f64,
         /// Geodetic latitude, rad, north positive; NaN if unknown.
         latitude_rad: f64,
@@ -231,8 +231,8 @@ payload! {
         altitude_m: f64,
         /// True attitude, body to reference, w x y z; NaN if unknown.
         quaternion: [f64; 4],
-        /// Contents, a sum of 1 (field), 2 (fix), 4 (true attitude) and 8 (true attitude is
-        /// scored).
+        /// Contents: a sum of 1 (magnetic field), 2 (fix), 4 (true attitude) and 8 (estimates are
+        /// scored against the true attitude).
         brings: u32,
         /// Incarnation of ingest.
         incarnation: u32,

@@ -383,15 +383,15 @@ static inline void plumbline_angles(const plumbline_attitude *attitude, double *
     *roll_rad = atan2(-2.0 * u, sign * (1.0 - rho));
 }
 
-/* Returns why an attitude is invalid (outside its chart or not a number), or NULL if it is
-   valid. */
+/* Returns the reason why an attitude is invalid (outside its chart or not a number), or NULL if
+   it is valid. */
 static inline const char *plumbline_attitude_validation_error(const plumbline_attitude *attitude)
 {
     const double rho = attitude->up.u * attitude->up.u + attitude->up.v * attitude->up.v;
     return rho <= 2.0 && fabs(attitude->z_rad) <= 4.0 ? NULL : "an attitude outside its chart";
 }
 
-/* Returns why an estimate is invalid, or NULL if it is valid. */
+/* Returns the reason why an estimate is invalid, or NULL if it is valid. */
 static inline const char *plumbline_estimate_validation_error(const plumbline_estimate *estimate)
 {
     for (int i = 0; i < 3; i++) {

@@ -48,7 +48,7 @@ pub(crate) trait SlotSpec: Sized {
     /// Passes each number of an output, with its name, to `visit`.
     fn visit_numbers(output: &Self::Output, visit: &mut dyn FnMut(&'static str, f64));
 
-    /// Returns why an output of finite numbers is invalid, or `None` if it is valid.
+    /// Returns the reason why an output of finite numbers is invalid, or `None` if it is valid.
     fn validation_error(output: &Self::Output) -> Option<&'static str>;
 
     /// Returns the first error of an output: a non-finite number or a validation error.

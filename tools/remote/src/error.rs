@@ -52,7 +52,7 @@ pub enum RemoteError {
     },
     /// The vehicle responds to queries, but rejects commands from this client.
     #[error(
-        "vehicle {vehicle:?} takes no command from this client: its access list requires the certificate of an operator, --keys keys/operator.NAME"
+        "vehicle {vehicle:?} accepts no commands from this client: its access list requires the certificate of an operator, --keys keys/operator.NAME"
     )]
     ReadOnly {
         /// Vehicle name.
@@ -60,7 +60,7 @@ pub enum RemoteError {
     },
     /// Commands need a certificate, and a plain endpoint uses none.
     #[error(
-        "vehicle {vehicle:?} takes no command over {endpoint}, which is read-only because it has no certificates; run `plumb swap {slot} {stage}` on the vehicle, or use a quic/ endpoint with the certificate of an operator, --keys keys/operator.NAME (docs/how-to/secure.md)"
+        "vehicle {vehicle:?} accepts no commands over {endpoint}, which is read-only because it has no certificates; run `plumb swap {slot} {stage}` on the vehicle, or use a quic/ endpoint with the certificate of an operator, --keys keys/operator.NAME (docs/how-to/secure.md)"
     )]
     PlainReadOnly {
         /// Vehicle name.

@@ -31,7 +31,7 @@ pub fn services(link: &Link, vehicle: &str) -> Result<Vec<ServiceStatus>, Remote
 ///
 /// # Errors
 ///
-/// Fails if the vehicle does not reply or takes no command from this client.
+/// Fails if the vehicle does not reply or accepts no commands from this client.
 pub fn swap(
     link: &Link,
     endpoint: &RemoteEndpoint,

@@ -54,13 +54,13 @@ class Flags(IntFlag):
     CLOCK_LEAP = 1 << 8
     """The sensor's clock jumped or ran backwards; time was continued with the usual interval."""
     REFUSED_BEFORE = 1 << 9
-    """Readings before this one were duplicated or out of order and were rejected."""
+    """Earlier readings were rejected because they were duplicated or out of order."""
     RATE_INSTANT = 1 << 10
     """The rate is the value at the end of the interval, not its mean."""
     GYRO_MISSING = 1 << 11
-    """The motion from the gyro service did not arrive; the attitude was held."""
+    """The output of the gyro service did not arrive, so the attitude was held."""
     ACCEL_MISSING = 1 << 12
-    """The point from the accel service did not arrive; the attitude followed the gyro."""
+    """The output of the accel service did not arrive, so the attitude followed the gyro."""
     LOST_BEFORE = 1 << 13
     """Ticks before this one were lost in transit."""
     ALIGNED = 1 << 14

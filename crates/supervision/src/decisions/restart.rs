@@ -213,7 +213,7 @@ impl Supervision {
         let buffer_s = self.config.launch.buffer_s;
         let needed_s = (BUFFER_MARGIN * behind as f64 / self.config.rate_hz).ceil();
         let remedy = if needed_s <= launch::max_buffer_s(self.config.rate_hz) {
-            format!("; if it can take as long again, set buffer_s = {needed_s}")
+            format!("; if a restart can take as long again, set buffer_s = {needed_s}")
         } else {
             String::new()
         };
@@ -296,7 +296,7 @@ mod tests {
     fn restart_later_than_the_buffer_reports_loss_and_remedy() {
         for (rate_hz, newest, expected) in [
             (100.0, 300, ""),
-            (100.0, 400, "about 100 ticks lost; if it can take as long again, set buffer_s = 4"),
+            (100.0, 400, "about 100 ticks lost; if a restart can take as long again, set buffer_s = 4"),
             (100.0, 9000, "about 8700 ticks lost"),
             // At this rate, a topic cannot hold more than 16.4 s.
             (4000.0, 80_000, "about 79700 ticks lost"),

@@ -455,9 +455,9 @@ impl MessageReader {
         for (what, count, reason) in [
             ("message chunks", std::mem::take(&mut self.damaged_chunks), DAMAGED_CHUNK),
             ("messages", missing, "missing from the numbered rows of the database"),
-            ("messages", stray, "their row numbers do not increase, or exceed the last"),
+            ("messages", stray, "their row numbers do not increase or are beyond the last row"),
             ("messages", without_topic, "their topic is not in the database"),
-            ("messages of the topics read", without_data, "no bytes, or more than 64 KiB"),
+            ("messages of the topics read", without_data, "they are empty or longer than 64 KiB"),
         ] {
             if count > 0 {
                 self.notes.push(Note::Skipped { what, count, reason });

@@ -240,7 +240,7 @@ fn rows_lost_from_database_are_counted() {
         (
             "UPDATE messages SET data = 5 WHERE id = 5; UPDATE messages SET data = zeroblob(70000) WHERE id = 9",
             18,
-            Some("skipped 2 messages of the topics read: no bytes, or more than 64 KiB"),
+            Some("skipped 2 messages of the topics read: they are empty or longer than 64 KiB"),
         ),
     ] {
         let found = rows_and_notes(&folder, &database(&folder, 20, changes));
@@ -309,7 +309,7 @@ fn row_with_damaged_number_costs_no_other_row() {
         bytes[number_at] = number;
         let changed = folder.file("changed.db3", bytes);
         let (rows, notes) = rows_and_notes(&folder, &changed);
-        let stray = "skipped 1 messages: their row numbers do not increase, or exceed the last".to_owned();
+        let stray = "skipped 1 messages: their row numbers do not increase or are beyond the last row".to_owned();
         assert!(rows == 99 && notes.contains(&stray), "{name}: {rows} {notes:?}");
     }
 }

@@ -34,11 +34,11 @@ settings! {
         latency_s: 0.2 in 0.0 .. 0.6, "s";
         /// Initial standard deviation of the receiver's latency.
         latency_sd_s: 0.1 in 0.0 .. 0.5, "s";
-        /// Distance from the sensors to the receiver's antenna, positive to the right.
+        /// Position of the receiver's antenna relative to the sensors, positive to the right.
         antenna_right_m: 0.0 in -100.0 .. 100.0, "m";
-        /// Distance from the sensors to the receiver's antenna, positive forward.
+        /// Position of the receiver's antenna relative to the sensors, positive forward.
         antenna_forward_m: 0.0 in -100.0 .. 100.0, "m";
-        /// Distance from the sensors to the receiver's antenna, positive upward.
+        /// Position of the receiver's antenna relative to the sensors, positive upward.
         antenna_up_m: 0.0 in -100.0 .. 100.0, "m";
         /// Speed above which the track sets the course. Lower it for slow vehicles and light wind.
         track_speed_m_s: 3.0 in 0.2 .. 100.0, "m/s";
@@ -70,7 +70,7 @@ settings! {
         half_weight_turn_rate_deg_s: 2.0 in 0.01 .. 100.0, "°/s";
         /// Standard deviation of a gyro bias measurement at standstill.
         standstill_sd_deg_s: 0.05 in 0.001 .. 10.0, "°/s";
-        /// 1: correct the heading with the field of a calibrated magnetometer. 0: ignore the field.
+        /// 1: correct the heading with a calibrated magnetometer. 0: ignore the magnetic field.
         magnetic: 0.0 in 0.0 .. 1.0, "";
         /// Magnetic declination, east positive.
         declination_deg: 0.0 in -180.0 .. 180.0, "°";
