@@ -1,4 +1,4 @@
-//! Child process of a benchmark, with output that is read line by line.
+//! Child process of a benchmark. Its output is read line by line.
 
 use std::{
     ffi::OsStr,
@@ -72,7 +72,8 @@ impl Drop for Process {
         while matches!(self.child.try_wait(), Ok(None)) && Instant::now() < deadline {
             thread::sleep(Duration::from_millis(1));
         }
-        // `kill` does nothing if the process has ended. After it, `wait` needs no time limit.
+        // `kill` does nothing if the process has ended. After `kill`, the process ends at once, so
+        // `wait` needs no time limit.
         let _ = self.child.kill();
         let _ = self.child.wait();
     }

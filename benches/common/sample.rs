@@ -3,7 +3,7 @@
 use bytemuck::Zeroable as _;
 use messages::{AttitudeOutput, Header};
 
-/// Returns an attitude with the encoded length of an attitude from a vehicle in motion.
+/// Returns an attitude that has the same encoded length as one from a vehicle in motion.
 pub(crate) fn attitude(header: Header) -> AttitudeOutput {
     AttitudeOutput {
         header,

@@ -72,7 +72,7 @@ struct Cost {
     router_mib: f64,
     station_cpu: f64,
     vehicles_cpu: f64,
-    /// Loopback traffic to and from the router, bytes per second.
+    /// Loopback traffic to and from the router, in bytes per second.
     bytes_s: f64,
     report: StationReport,
     seconds: f64,

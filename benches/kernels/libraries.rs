@@ -36,9 +36,10 @@ const ROUNDS: usize = 11;
 const RECORDING: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../../samples/broad.csv.gz");
 const DT_S: f64 = 0.007;
 
-/// Sample of the three sensors: angular rate, rad/s; specific force, m/s²; magnetic field, µT.
+/// Sample of the three sensors: angular rate (rad/s), specific force (m/s²) and magnetic field
+/// (µT).
 type Sample = [[f64; 3]; 3];
-/// Attitudes after each sample: quaternions body to ENU, w, x, y, z.
+/// Attitude after each sample, as a quaternion (w, x, y, z) from body to ENU.
 type Attitudes = Vec<[f64; 4]>;
 
 /// Computes the attitudes of a recording with a library.

@@ -4,8 +4,8 @@
 //!
 //! Input: messages in their bus layout.
 //!
-//! Output: encoded bytes, and nanoseconds from payload to bytes and from bytes to validated
-//! payloads.
+//! Output: the encoded length in bytes, and the nanoseconds to encode a payload and to decode and
+//! validate it.
 //!
 //! Time: CPU time of this thread, as medians over interleaved rounds.
 

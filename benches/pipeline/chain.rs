@@ -28,7 +28,7 @@ use crate::{Cost, Failure, LatencyUs, Variant, WARM_UP_S, process::Process};
 pub(crate) const TOPIC_SAMPLES: usize = 1024;
 /// Longest wait before a process polls its input again.
 pub(crate) const MAX_WAIT: Duration = Duration::from_millis(50);
-/// Time without a sample after which a process stops waiting.
+/// Longest time without a sample before a process stops waiting.
 const IDLE_TIMEOUT: Duration = Duration::from_secs(5);
 /// Time limit for a process to become ready. Also limits the wait for its report after the last
 /// sample.

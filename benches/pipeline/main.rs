@@ -119,7 +119,7 @@ struct Cost {
 struct Phases {
     /// CPU time of the first [`START_S`] of a run, s.
     start_s: f64,
-    /// CPU time of a tick in the rest of the run, µs.
+    /// CPU time per tick in the rest of the run, µs.
     tick_us: f64,
 }
 

@@ -155,8 +155,8 @@ impl Input for RingInput<'_> {
         waiting.fetch_add(1, SeqCst);
         if received[self.reader].0.load(SeqCst) == sent.0.load(SeqCst) {
             let timeout = Timespec { tv_sec: 0, tv_nsec: MAX_WAIT.as_nanos() as i64 };
-            // The result is not needed: the caller polls for samples after a wake-up, a timeout or
-            // a changed counter.
+            // The result is not needed, because the caller polls for samples after a wake-up, a
+            // timeout or a changed counter.
             let _ = futex::wait(wakes, futex::Flags::empty(), wakes_before, Some(&timeout));
         }
         waiting.fetch_sub(1, SeqCst);

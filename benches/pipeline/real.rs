@@ -43,7 +43,7 @@ pub(crate) fn run(plumb: &OsStr, rate_hz: u32, seconds: f64) -> Result<Cost, Fai
 
 /// Measures the CPU time of the start-up phase and of the ticks until `seconds` after `started`.
 ///
-/// The services have not ended by then, because the run lasts for `seconds` from its first tick.
+/// The services are still running then, because the run lasts for `seconds` from its first tick.
 fn measure_phases(pid: u32, started: Instant, rate_hz: u32, seconds: f64) -> Phases {
     let cpu_s_at = |at_s: f64| {
         sleep(Duration::from_secs_f64(at_s).saturating_sub(started.elapsed()));

@@ -66,7 +66,7 @@ pub(crate) fn run_process(settings: &ProcessSettings) -> Result<(), Failure> {
     }
 }
 
-/// Returns the encoded length of a message that contains one attitude, bytes.
+/// Returns the encoded length, in bytes, of a message that contains one attitude.
 pub(crate) fn message_bytes() -> usize {
     let now_ns = runtime::clock::monotonic_ns();
     let envelope = wire::v1::Envelope {
@@ -79,7 +79,7 @@ pub(crate) fn message_bytes() -> usize {
     wire::encode_batch(&envelope, &wire::encode_samples([&attitude(header(1000, now_ns))])).len()
 }
 
-/// Returns the header of a tick for the given current time.
+/// Returns the header of a tick with timestamps derived from the current time.
 pub(crate) fn header(tick: u64, now_ns: u64) -> Header {
     let t_end_ns = now_ns.cast_signed();
     Header {

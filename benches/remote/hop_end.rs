@@ -16,7 +16,8 @@ use crate::{Failure, Variant, WARM_UP_S};
 
 /// Longest wait for a sample.
 pub(crate) const MAX_WAIT: Duration = Duration::from_millis(50);
-/// Time without a sample after which the far end stops, ns. Also applies before the first sample.
+/// Longest time without a sample before the far end stops, ns. It also applies before the first
+/// sample.
 const IDLE_TIMEOUT_NS: u64 = 5_000_000_000;
 /// Delay from the start command to the first sample, ns.
 const LEAD_NS: u64 = 10_000_000;

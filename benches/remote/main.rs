@@ -19,7 +19,7 @@
 //! | `tunnel` | publishes samples over iceoryx2 | iceoryx2 tunnels over Zenoh | reads the samples |
 //!
 //! Each end is a process. In `zenoh`, the near end puts as many bytes as a message with one
-//! attitude has. In `tunnel`, a sample has the size of an IMU sample.
+//! attitude contains. In `tunnel`, a sample has the size of an IMU sample.
 //!
 //! Latency is measured from the timestamp taken before a sample is sent until the far end has
 //! decoded the sample. All sessions have the settings of `link` and use tcp/127.0.0.1. CPU time is

@@ -65,8 +65,8 @@ pub(crate) struct RunningDevice {
 
 /// Factory for a function that sends readings. The sending thread calls the factory once.
 ///
-/// The returned function sends one reading with the given timestamp, ns. A reading is lost if there
-/// is no receiver.
+/// The returned function sends one reading with the given timestamp (ns). A reading is lost if
+/// there is no receiver.
 type SenderFactory = Box<dyn FnOnce() -> Box<dyn FnMut(i64)> + Send>;
 
 impl SourceKind {
@@ -193,7 +193,7 @@ impl Drop for RunningDevice {
     }
 }
 
-/// Function that encodes a reading with the given timestamp, ns.
+/// Function that encodes a reading with the given timestamp (ns).
 type Encoder = fn(i64) -> Vec<u8>;
 
 fn to_file(mut file: File, encode: Encoder) -> SenderFactory {

@@ -194,8 +194,8 @@ fn run(kind: SourceKind, cli: &Cli) -> Result<Cost, Failure> {
     })
 }
 
-/// Measures the latencies from the device's timestamp to the publication of the attitude, µs, until
-/// `has_ended` returns `true`.
+/// Measures the latencies (µs) from the device's timestamp to the publication of the attitude,
+/// until `has_ended` returns `true`.
 fn from_device(name: &str, kind: SourceKind, has_ended: impl Fn() -> bool) -> Result<Vec<f64>, Failure> {
     let mut latencies = Vec::new();
     let mut tap = None;

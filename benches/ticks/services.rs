@@ -9,8 +9,8 @@ use crate::Failure;
 
 /// Number of counted ticks.
 pub(crate) const TICKS: u64 = 1000;
-/// Ticks before counting starts. After them all connections exist and every topic is full, so that
-/// each message replaces an old one.
+/// Number of ticks before counting starts. By then, all connections exist and every topic is full,
+/// so that each message replaces an old one.
 const WARM_UP_TICKS: u64 = 1200;
 const RATE_HZ: f64 = 1000.0;
 /// Names of the functions that run one tick of a service.
