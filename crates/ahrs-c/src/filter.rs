@@ -306,8 +306,8 @@ pub unsafe extern "C" fn plumbline_ahrs_snapshot_size(ahrs: *const PlumblineAhrs
 ///
 /// # Safety
 ///
-/// `ahrs` is null or a filter. `buffer` is null or valid for writes of `size` bytes, which are
-/// initialised.
+/// `ahrs` is null or a filter. `buffer` is null or valid for writes of `size` bytes. The function
+/// overwrites all of them.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn plumbline_ahrs_save(
     ahrs: *const PlumblineAhrs,
@@ -320,7 +320,7 @@ pub unsafe extern "C" fn plumbline_ahrs_save(
         if buffer.is_null() {
             return Err(null("buffer"));
         }
-        // SAFETY: required of the caller. The bytes are written first, because they may be
+        // SAFETY: required of the caller. The bytes are set to zero first, because they may be
         // uninitialised.
         let bytes = unsafe {
             buffer.write_bytes(0, size);

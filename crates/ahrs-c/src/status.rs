@@ -50,7 +50,7 @@ impl PlumblineStatus {
 
     /// Records a message for [`plumbline_error_message`] and returns the status.
     pub(crate) fn with(self, message: impl fmt::Display) -> Self {
-        // During the destruction of the thread, no message can be stored.
+        // No message can be stored while the thread-local storage is being destroyed.
         _ = MESSAGE.try_with(|text| {
             let mut text = text.borrow_mut();
             text.clear();
@@ -92,8 +92,8 @@ impl From<SnapshotError> for PlumblineStatus {
     }
 }
 
-/// Size of the error message buffer with the terminating zero, bytes. The longest message names all
-/// parameters of a stage.
+/// Size of the error message buffer in bytes, including the terminating zero. The longest message
+/// names all parameters of a stage.
 const MESSAGE_BYTES: usize = 4096;
 
 thread_local! {

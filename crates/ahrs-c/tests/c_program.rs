@@ -60,7 +60,7 @@ fn recording() -> String {
     text
 }
 
-/// Returns quaternion and heading of each sample, from the Rust crate.
+/// Returns the quaternion and heading of each sample, as computed by the Rust crate.
 fn expected(recording: &str) -> Vec<[u64; 5]> {
     let mut ahrs = Ahrs::new();
     let lines = recording.lines().skip(1).map(|line| {

@@ -39,7 +39,7 @@ pub(crate) fn sensor(name: &str) -> PyResult<Sensor> {
     named("sensor", &SENSORS, name)
 }
 
-/// Returns the kind of rate samples with the given name.
+/// Returns the rate kind with the given name.
 pub(crate) fn rate_kind(name: &str) -> PyResult<RateKind> {
     named("gyro_samples", &RATE_KINDS, name)
 }

@@ -76,24 +76,24 @@ impl Attitude {
         self.0.inclination_sd_rad()
     }
 
-    /// Body rate with the bias removed, rad/s, body axes.
+    /// Body rate in body axes with the bias removed, rad/s.
     #[getter]
     fn rate_rad_s(&self) -> (f64, f64, f64) {
         self.0.rate_rad_s().into()
     }
 
-    /// Return the body rate with the bias removed, rad/s, body axes of a frame.
+    /// Return the body rate in the body axes of a frame with the bias removed, rad/s.
     fn rate_rad_s_in(&self, frame: &str) -> PyResult<(f64, f64, f64)> {
         Ok(self.0.rate_rad_s_in(self::frame(frame)?).into())
     }
 
-    /// Estimated gyro bias, rad/s, body axes; zero if the stage does not estimate it.
+    /// Estimated gyro bias in body axes, rad/s; zero if the stage does not estimate it.
     #[getter]
     fn gyro_bias_rad_s(&self) -> (f64, f64, f64) {
         self.0.gyro_bias_rad_s().into()
     }
 
-    /// Return the estimated gyro bias, rad/s, body axes of a frame.
+    /// Return the estimated gyro bias in the body axes of a frame, rad/s.
     fn gyro_bias_rad_s_in(&self, frame: &str) -> PyResult<(f64, f64, f64)> {
         Ok(self.0.gyro_bias_rad_s_in(self::frame(frame)?).into())
     }

@@ -3,9 +3,9 @@
 //! Input: numpy arrays with one row per sample. Arrays of `float64` are read in place, with any
 //! strides.
 //!
-//! Output: numpy arrays with one row per sample, without copying the results.
+//! Output: numpy arrays with one row per sample. The results are not copied.
 //!
-//! Failure: an array of another shape is rejected before the first sample.
+//! Failure: if an array has the wrong shape, the call fails before the first sample is processed.
 
 use numpy::{
     AllowTypeChange, IntoPyArray as _, PyArray1, PyArray2, PyArrayLikeDyn, PyArrayMethods as _,
@@ -19,12 +19,13 @@ use crate::error::value_error;
 
 /// Numbers from the caller: an array, or a sequence that numpy converts to an array.
 pub(crate) type Numbers<'py> = PyArrayLikeDyn<'py, f64, AllowTypeChange>;
-/// Timestamps passed by the caller. Types other than `int64` could lose digits.
+/// Timestamps passed by the caller. Only `int64` is accepted, because other types could lose
+/// digits.
 pub(crate) type Stamps<'py> = PyArrayLikeDyn<'py, i64, TypeMustMatch>;
 
 /// Attitudes after each sample of a batch, one row per sample.
 ///
-/// A row after a rejected sample equals the row before it, including `tick`.
+/// The row of a rejected sample equals the row before it, including `tick`.
 #[pyclass(frozen, get_all, module = "plumbline_ahrs")]
 pub(crate) struct Batch {
     /// Unit quaternions from body to reference axes of the frame, w x y z, shape (n, 4).
@@ -37,9 +38,9 @@ pub(crate) struct Batch {
     heading_sd_rad: Py<PyArray1<f64>>,
     /// Standard deviations of the inclination, rad, shape (n,).
     inclination_sd_rad: Py<PyArray1<f64>>,
-    /// Body rates with the bias removed, rad/s, body axes of the frame, shape (n, 3).
+    /// Body rates in the body axes of the frame with the bias removed, rad/s, shape (n, 3).
     rate_rad_s: Py<PyArray2<f64>>,
-    /// Biases of the gyro, rad/s, body axes of the frame, shape (n, 3).
+    /// Gyro biases in the body axes of the frame, rad/s, shape (n, 3).
     gyro_bias_rad_s: Py<PyArray2<f64>>,
     /// Bits of `Flags`, uint64, shape (n,).
     flags: Py<PyArray1<u64>>,

@@ -175,17 +175,17 @@ impl Ahrs {
         self.filter.update_gnss(&GnssFix { velocity_m_s, velocity_sd_m_s, age_s, latitude_rad });
     }
 
-    /// Process many samples and return the attitudes after them, with the GIL released.
+    /// Process many samples and return the attitude after each. The GIL is released meanwhile.
     ///
     /// gyro_rad_s: body rates, rad/s, shape (n, 3). accel_m_s2: specific forces, m/s², shape (n,
     /// 3). field_ut: magnetic fields, µT, shape (n, 3). A row of NaN means that there is no sample.
-    /// dt_s: time before each sample, s: a number, or shape (n,). t_ns: in place of dt_s,
-    /// timestamps, ns, int64, shape (n,). frame: frame of the results.
+    /// dt_s: time before each sample, s: a number, or shape (n,). t_ns: timestamps in ns, given
+    /// instead of dt_s, int64, shape (n,). frame: frame of the results.
     ///
     /// The result equals that of n calls of `update` or `update_at`. Arrays of float64 are not
     /// copied. Other threads must not change the arrays during the call.
     ///
-    /// Raises ValueError if an array has another shape; no sample is processed then.
+    /// Raises ValueError, without processing any sample, if an array has the wrong shape.
     #[pyo3(signature = (gyro_rad_s, accel_m_s2, field_ut = None, dt_s = None, *, t_ns = None, frame = "enu-rfu"))]
     #[allow(clippy::too_many_arguments, reason = "keyword arguments")]
     fn update_batch<'py>(

@@ -8,7 +8,7 @@ fn main() {
         let t_s = f64::from(count) / 200.0;
         if count % 8 == 0 {
             // Real magnetometer samples are never exactly equal. A sample that equals the previous
-            // one counts as repeated.
+            // one counts as repeated, so the simulated field varies slightly.
             ahrs.update_mag([0.01 * t_s.sin(), 20.0, -40.0]);
         }
         if count % 40 == 0 {

@@ -37,7 +37,7 @@ pub struct GnssFix {
 /// `F` is the stage that fuses the sensors; see [`stages`](crate::stages). The default stage
 /// suits every combination of sensors.
 ///
-/// A filter takes about 65 kB, which include its whole state; a clone continues independently.
+/// A filter takes about 65 kB and has no state elsewhere, so a clone continues independently.
 #[derive(Clone)]
 pub struct Ahrs<F = MultipleModel> {
     pub(crate) conditioner: Conditioner,

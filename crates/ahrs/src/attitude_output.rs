@@ -107,22 +107,22 @@ impl Attitude {
         self.fused.inclination_sd_rad
     }
 
-    /// Returns the body rate with the bias removed, rad/s, body axes.
+    /// Returns the body rate in body axes with the bias removed, rad/s.
     pub fn rate_rad_s(&self) -> [f64; 3] {
         self.fused.rate_rad_s.into()
     }
 
-    /// Returns the body rate with the bias removed, rad/s, body axes of `frame`.
+    /// Returns the body rate in the body axes of `frame` with the bias removed, rad/s.
     pub fn rate_rad_s_in(&self, frame: Frame) -> [f64; 3] {
         frame.body().vector(self.rate_rad_s())
     }
 
-    /// Returns the estimated gyro bias, rad/s, body axes; zero if the stage does not estimate it.
+    /// Returns the estimated gyro bias in body axes, rad/s; zero if the stage does not estimate it.
     pub fn gyro_bias_rad_s(&self) -> [f64; 3] {
         self.fused.bias_rad_s.into()
     }
 
-    /// Returns the estimated gyro bias, rad/s, body axes of `frame`.
+    /// Returns the estimated gyro bias in the body axes of `frame`, rad/s.
     pub fn gyro_bias_rad_s_in(&self, frame: Frame) -> [f64; 3] {
         frame.body().vector(self.gyro_bias_rad_s())
     }
@@ -157,7 +157,7 @@ impl Attitude {
         self.reset_counter
     }
 
-    /// Returns the newest jump of the attitude, w x y z, body axes.
+    /// Returns the newest jump of the attitude as a quaternion w x y z in body axes.
     ///
     /// The jump is the rotation from the expected to the new attitude.
     pub fn jump(&self) -> [f64; 4] {

@@ -76,7 +76,7 @@ pub enum Sensor {
 
 /// Sets the properties of the sensors and the stages of an [`Ahrs`].
 ///
-/// Every property has a default, and an ideal sensor needs none of them.
+/// Every property has a default. For ideal sensors, no property needs to be set.
 ///
 /// ```
 /// use plumbline_ahrs::{Ahrs, Body};

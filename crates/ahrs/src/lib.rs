@@ -44,13 +44,13 @@
 //!
 //! | fault | effect |
 //! | --- | --- |
-//! | a rate or force is NaN, infinite or far beyond its range | the last valid value is used, flagged; the rate is 0 after 0.1 s |
+//! | a rate or force is NaN, infinite or far beyond its range | flagged; the last valid value is used, or the rate 0 after 0.1 s |
 //! | a rate or force is at the end of its range | flagged; a clipped rate corrects no bias |
 //! | a sensor repeats its value for 0.5 s | flagged; a frozen force is not used while the rate varies |
 //! | a magnetic field is NaN, beyond its range or repeated | not used |
 //! | the magnetic field differs from that of the location | flagged; the heading follows the gyro |
 //! | samples are missing for less than 1 s | bridged |
-//! | samples are missing for longer | the level is initialised again, flagged |
+//! | samples are missing for longer | the level is initialised again and flagged |
 //! | a sample is repeated or outdated | rejected and counted, see [`Ahrs::rejected`] |
 //!
 //! The limits are parameters of the [`AhrsBuilder`].
