@@ -17,8 +17,8 @@ use nalgebra::{Rotation3, UnitQuaternion};
 
 use crate::{Matrix3, Quaternion, Vector3, angles::Angles, frames::Body, state::Attitude};
 
-/// Maximum deviation of an element of M Mᵀ from that of the identity. M is the matrix of a
-/// mounting. The limit admits rotations given to three decimals.
+/// Maximum deviation of any element of M Mᵀ from the identity matrix, for a mounting with the
+/// matrix M. The limit admits rotations given to three decimals.
 const ROTATION_TOLERANCE: f64 = 2e-3;
 
 /// Minimum volume spanned by the normalised rows of a calibration matrix. Below it, the rows count
@@ -75,7 +75,8 @@ impl Calibration {
         Self::new(bias, misalignment * Matrix3::from_diagonal(&scale))
     }
 
-    /// Returns the length of each row of the matrix: the factor from raw units to SI units.
+    /// Returns the length of each row of the matrix, which is the factor from raw units to SI
+    /// units.
     pub fn row_lengths(&self) -> [f64; 3] {
         core::array::from_fn(|row| self.matrix.row(row).norm())
     }
@@ -93,7 +94,7 @@ pub struct Mounting {
 }
 
 impl Default for Mounting {
-    /// Returns `x-right-y-forward`, the mounting of a sensor with the axes of the body.
+    /// Returns `x-right-y-forward`, the mounting of a sensor whose axes are those of the body.
     fn default() -> Self {
         Self { matrix: Matrix3::identity() }
     }
@@ -210,7 +211,7 @@ impl Mounting {
     }
 }
 
-/// Returns the rotation nearest to a matrix that is a rotation except for rounding of its elements.
+/// Returns the rotation nearest to a rotation matrix whose elements were rounded.
 ///
 /// M ← M (3 − MᵀM)/2 doubles the number of correct digits in each iteration.
 fn orthogonalised(matrix: Matrix3<f64>) -> Matrix3<f64> {

@@ -157,7 +157,8 @@ impl Body {
         }
     }
 
-    /// Converts a vector in these axes to native axes, exactly: only signs and order change.
+    /// Converts a vector in these axes to native axes, exactly, because only signs and order
+    /// change.
     pub fn to_native(self, [first, second, third]: [f64; 3]) -> [f64; 3] {
         match self {
             Self::Rfu => [first, second, third],

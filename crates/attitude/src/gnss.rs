@@ -8,7 +8,7 @@ pub const MAX_SPEED_M_S: f64 = 3000.0;
 /// Velocity fix. A stage receives it at the tick of its arrival.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct Fix {
-    /// Velocity over ground, m/s, east, north, up.
+    /// Velocity over ground (east, north, up), m/s.
     pub velocity_m_s: Vector3<f64>,
     /// Standard deviation of each velocity component, m/s, if reported.
     pub sd_m_s: Option<f64>,

@@ -16,7 +16,7 @@ pub struct RepeatFilter {
 }
 
 impl RepeatFilter {
-    /// Returns the magnetic field, µT, or `None` if it is missing or equal to the previous one.
+    /// Returns the magnetic field (µT), or `None` if it is missing or equal to the previous one.
     pub fn new_sample(&mut self, field_ut: Option<Vector3<f64>>) -> Option<Vector3<f64>> {
         field_ut.filter(|field_ut| self.previous_ut.replace(*field_ut) != Some(*field_ut))
     }

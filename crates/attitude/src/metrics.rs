@@ -15,11 +15,11 @@ use crate::{Quaternion, angles::Angles, course::GIMBAL_RAD, state::wrapped_rad};
 /// Error angles of e = q_est q_ref*, each in [0, 180]. A heading offset is not removed.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct AttitudeError {
-    /// Angle of the whole rotation, 2 acos |e_w|, degrees.
+    /// Angle of the whole rotation, 2 acos |e_w|, in degrees.
     pub total_deg: f64,
-    /// Angle of the rotation about the vertical, 2 atan |e_z / e_w|, degrees.
+    /// Angle of the rotation about the vertical, 2 atan |e_z / e_w|, in degrees.
     pub heading_deg: f64,
-    /// Angle between the up vectors, 2 acos √(e_w² + e_z²), degrees.
+    /// Angle between the up vectors, 2 acos √(e_w² + e_z²), in degrees.
     pub inclination_deg: f64,
 }
 
@@ -46,8 +46,8 @@ impl AttitudeError {
     }
 }
 
-/// Returns the signed heading error, (−180, 180], degrees. It is positive counter-clockwise as seen
-/// from above.
+/// Returns the signed heading error in degrees, in the interval (−180, 180]. It is positive
+/// counter-clockwise as seen from above.
 ///
 /// Its absolute value is [`AttitudeError::heading_deg`].
 pub fn signed_heading_error_deg(estimate: Quaternion<f64>, truth: Quaternion<f64>) -> f64 {
@@ -58,13 +58,13 @@ pub fn signed_heading_error_deg(estimate: Quaternion<f64>, truth: Quaternion<f64
 /// Angles of an estimate minus those of the truth, each in (−180, 180].
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct AngleError {
-    /// Roll, positive with the right side down, degrees.
+    /// Roll in degrees, positive with the right side down.
     pub roll_deg: f64,
-    /// Pitch, positive with the nose up, degrees.
+    /// Pitch in degrees, positive with the nose up.
     pub pitch_deg: f64,
-    /// Yaw, positive counter-clockwise as seen from above, degrees.
+    /// Yaw in degrees, positive counter-clockwise as seen from above.
     pub yaw_deg: f64,
-    /// Course, positive clockwise as seen from above, degrees.
+    /// Course in degrees, positive clockwise as seen from above.
     pub course_deg: f64,
 }
 

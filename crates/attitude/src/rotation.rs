@@ -26,7 +26,7 @@ impl Rotation {
     /// Identity rotation.
     pub const IDENTITY: Self = Self { p: Complex::new(1.0, 0.0), s: Complex::new(0.0, 0.0) };
 
-    /// Creates δ = exp(½ φ) from a rotation vector φ, rad, body axes.
+    /// Creates δ = exp(½ φ) from a rotation vector φ in body axes, rad.
     #[inline]
     pub fn from_rotation_vector(rotation_rad: Vector3<f64>) -> Self {
         let (cos, sinc) = cos_and_sinc(rotation_rad.norm_squared() * 0.25);
@@ -51,8 +51,8 @@ impl Rotation {
 
     /// Subtracts a small rotation that is spread evenly over this one.
     ///
-    /// The small rotation is given as half its rotation vector h, rad, body axes. The result is δ −
-    /// ½ (δ h + h δ). If this rotation has the angle 2θ, the error of the result is at most θ²
+    /// The small rotation is given by h, half its rotation vector in body axes, rad. The result is
+    /// δ − ½ (δ h + h δ). If this rotation has the angle 2θ, the error of the result is at most θ²
     /// |h|/3. The result does not have unit length, which a Möbius map does not need.
     #[inline]
     pub(crate) fn minus_half_angle(self, half_rad: Vector3<f64>) -> Self {

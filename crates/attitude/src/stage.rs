@@ -58,7 +58,7 @@ pub trait Stage {
     /// # Errors
     ///
     /// Returns a [`ParameterError`] if the stage has no parameter of that name or the value is out
-    /// of range. The stage is unchanged.
+    /// of range. The stage is then unchanged.
     fn set(&mut self, _name: &str, _value: f64) -> Result<(), ParameterError> {
         Err(ParameterError::Unknown { known: self.parameters() })
     }
@@ -83,7 +83,7 @@ pub trait Stage {
     ///
     /// # Errors
     ///
-    /// Returns a [`RestoreError`] if the state is invalid. The stage is unchanged.
+    /// Returns a [`RestoreError`] if the state is invalid. The stage is then unchanged.
     fn adopt(&mut self, common: &Self::Common) -> Result<(), RestoreError>;
 
     /// Returns the error if the stage has failed permanently. Its outputs are then meaningless.
@@ -121,7 +121,7 @@ pub trait Stage {
     /// # Errors
     ///
     /// Returns a [`RestoreError`] if the snapshot belongs to another stage, is corrupt or holds an
-    /// invalid state. The stage is unchanged.
+    /// invalid state. The stage is then unchanged.
     fn restore(&mut self, record: &Snapshot) -> Result<(), RestoreError>
     where
         Self: Clone,

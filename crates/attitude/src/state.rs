@@ -51,7 +51,7 @@ pub struct AttitudeUpdate {
 pub(crate) struct BodyAxes {
     /// Horizontal part ξ + j η of each axis.
     pub(crate) horizontal: [Complex<f64>; 3],
-    /// Vertical part of each axis: the up vector in body axes.
+    /// Vertical parts of the axes, which form the up vector in body axes.
     pub(crate) up: Vector3<f64>,
 }
 
@@ -118,7 +118,7 @@ impl Attitude {
 
     /// Returns the attitude after a rotation of the body, exact for any angle.
     ///
-    /// w⁺ = (p̄ w + j s)/m, z⁺ = z + 2 arg m, m = p + j s̄ w: the solution of Matveev 2025,
+    /// w⁺ = (p̄ w + j s)/m, z⁺ = z + 2 arg m, m = p + j s̄ w. This is the solution of Matveev 2025,
     /// (18)–(20) for a constant rate.
     #[inline]
     pub fn rotated(self, rotation: Rotation) -> AttitudeUpdate {

@@ -1,4 +1,5 @@
-//! Output of the accelerometer stages: the measured up direction and the trust in the force.
+//! Output of the accelerometer stages: the measured up direction and a measure of how far the force
+//! is trusted.
 
 use crate::{
     GRAVITY_M_S2, Vector3,
@@ -19,11 +20,11 @@ pub const MIN_FORCE_M_S2: f64 = 0.5;
 pub struct Inclination {
     /// Measured up direction, as the point w_acc.
     pub up: Point,
-    /// Specific force, m/s², body axes.
+    /// Specific force in body axes, m/s².
     pub force_m_s2: Vector3<f64>,
     /// Norm |f| of the force, m/s².
     pub norm_m_s2: f64,
-    /// Trust in the force, 0 to 1.
+    /// Degree to which the force is trusted, 0 to 1.
     ///
     /// The trust is 1 at |f| = g and decreases linearly to 0 at |f| = 0 and at |f| = 2 g or more.
     /// It is also 0 if `up` was not computed from this force. The trust rates a single instant
@@ -52,7 +53,7 @@ impl Validate for Inclination {
 
 scalars!(Inclination: up, force_m_s2, norm_m_s2, trust);
 
-/// Returns the trust in a force, 0 to 1.
+/// Returns the degree to which a force is trusted, 0 to 1.
 ///
 /// The trust is 1 at |f| = g and decreases linearly to 0 at |f| = 0 and at |f| = 2 g or more. A
 /// force that was not used has trust 0.

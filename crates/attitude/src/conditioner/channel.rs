@@ -64,7 +64,7 @@ impl FieldChannel {
     }
 }
 
-/// Range of factors with which a calibration is assumed to keep the unit of the reading.
+/// Range of the factors for which a calibration is assumed not to change the unit of the reading.
 const SAME_UNIT_FACTORS: core::ops::RangeInclusive<f64> = 0.5..=2.0;
 
 /// Returns a value in the units of the sensor's range.

@@ -20,10 +20,10 @@
 //! | the same vector for `stuck_s` | unchanged, flagged; a stuck force is ignored while the rate still varies |
 //! | the timestamp and values of the previous reading | rejected |
 //! | the timestamp of the previous reading with other values | a sample one typical interval later, flagged |
-//! | a later timestamp that is still before the end of such a sample | a sample half a typical interval later, flagged, until the sample time agrees with the timestamps |
-//! | a timestamp before the previous one | rejected; if the next timestamp is later than the rejected one, the clock was set back: time continues, flagged |
+//! | a later timestamp that is not after the sample time, which repeated timestamps have advanced | a sample half a typical interval later, flagged, until the sample time agrees with the timestamps |
+//! | a timestamp before the previous one | rejected; if the next timestamp is later than the rejected one, the clock was set back, and the sample time continues, flagged |
 //! | a timestamp more than `gap_s` after the previous one | a sample after a gap, flagged; if the gap exceeds 1 s, the level is initialised again |
-//! | a timestamp more than 10 s after the previous one | the clock leapt: time continues, flagged |
+//! | a timestamp more than 10 s after the previous one | counts as a leap of the clock; the sample time continues, flagged |
 
 mod channel;
 mod reading;
@@ -46,7 +46,7 @@ const MAX_GAP_NS: i64 = 10_000_000_000;
 /// overflow.
 const MAX_START_NS: i64 = 9_000_000_000_000_000_000;
 /// Maximum number of consecutive backward timestamps that are rejected. After that, the sensor's
-/// clock is considered set back, and the sample time continues.
+/// clock is considered to have been set back, and the sample time continues.
 const MAX_BACKWARD_STAMPS: i64 = 10;
 
 settings! {
@@ -75,7 +75,7 @@ pub struct SensorModel {
     /// It sets the interval of samples with unusable timestamps, but only until other timestamps
     /// show the true interval.
     pub rate_hz: f64,
-    /// Relation of the rate samples to their intervals.
+    /// Meaning of a rate sample: the mean over its interval or the value at the end of it.
     pub rate_kind: RateKind,
     /// Orientation of the sensors in the body.
     pub mounting: Mounting,
@@ -218,7 +218,7 @@ impl Conditioner {
     }
 
     /// Resumes at `tick` with the [`offset_ns`](Self::offset_ns) of an earlier conditioner. The
-    /// next sample follows a gap.
+    /// next sample is flagged as following a gap.
     pub fn resume_at(&mut self, tick: u64, offset_ns: i64) {
         (self.tick, self.offset_ns, self.is_resumed) = (tick, offset_ns, true);
     }

@@ -10,11 +10,11 @@ use crate::{
 pub struct Reading {
     /// Time on the source's clock, ns.
     pub t_ns: i64,
-    /// Body rate, rad/s, sensor axes.
+    /// Body rate in sensor axes, rad/s.
     pub rate_rad_s: [f64; 3],
-    /// Specific force, m/s², sensor axes.
+    /// Specific force in sensor axes, m/s².
     pub force_m_s2: [f64; 3],
-    /// Magnetic field, µT, sensor axes; `None` if the reading has no field sample.
+    /// Magnetic field in sensor axes, µT; `None` if the reading has no field sample.
     pub field_ut: Option<[f64; 3]>,
     /// Fix received since the previous reading.
     pub fix: Option<ReceiverFix>,
@@ -51,7 +51,7 @@ impl Reading {
 /// Checked sample of one tick.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Sample {
-    /// Number of the sample, from 0, without gaps.
+    /// Number of the sample. Samples are numbered consecutively from 0.
     pub tick: u64,
     /// Start of the interval, ns.
     pub t_start_ns: i64,
@@ -59,11 +59,11 @@ pub struct Sample {
     pub t_end_ns: i64,
     /// Faults of the reading.
     pub flags: Flags,
-    /// Body rate, rad/s, body axes.
+    /// Body rate in body axes, rad/s.
     pub rate_rad_s: [f64; 3],
-    /// Specific force, m/s², body axes; points up at rest.
+    /// Specific force in body axes, m/s²; points up at rest.
     pub force_m_s2: [f64; 3],
-    /// Magnetic field, µT, body axes, if the reading has a new valid one.
+    /// Magnetic field in body axes, µT, if the reading has a new valid one.
     pub field_ut: Option<[f64; 3]>,
     /// Fix, if one arrived and is valid.
     pub fix: Option<ReceiverFix>,

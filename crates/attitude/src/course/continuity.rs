@@ -47,7 +47,7 @@ impl Default for Continuity {
 }
 
 impl Continuity {
-    /// Returns the reading with the given angles and course, and keeps it for the next reading.
+    /// Returns the reading with the given angles and course, and stores it for the next call.
     pub(super) fn next_reading(
         &mut self,
         input: &CourseInput,

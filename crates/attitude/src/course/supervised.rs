@@ -43,7 +43,7 @@ pub struct SupervisedReading {
     pub is_reset: bool,
     /// Number of resets of attitude and course.
     pub reset_counter: u64,
-    /// Rotation of the attitude by the newest reset, in body axes, w x y z.
+    /// Rotation that the newest reset applied to the attitude, in body axes, w x y z.
     pub jump: [f64; 4],
 }
 
@@ -62,7 +62,7 @@ pub struct SupervisedCourseState {
     pub attitude: Attitude,
     /// Number of resets of the fuser, followed by the number of resets of the course.
     pub reset_counts: [u64; 2],
-    /// Rotation of the attitude by the newest reset, in body axes, w x y z.
+    /// Rotation that the newest reset applied to the attitude, in body axes, w x y z.
     pub jump: [f64; 4],
     /// Number of swaps of the fuser.
     pub swap_count: u64,

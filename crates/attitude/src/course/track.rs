@@ -83,7 +83,7 @@ pub struct TrackCourse {
     /// course is unknown.
     offset_rad: f64,
     is_known: bool,
-    /// Turn rate H', rad/s, clockwise.
+    /// Clockwise turn rate H', rad/s.
     turn_rate_rad_s: f64,
     since_track_s: f64,
     drift_sd_rad: f64,

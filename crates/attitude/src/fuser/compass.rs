@@ -1,4 +1,4 @@
-//! Magnetic heading through a first-order low-pass, in analogy to the fusion of w with the
+//! Magnetic heading through a first-order low-pass filter, like the fusion of w with the
 //! accelerometer.
 //!
 //! z_c' = z' + (z_mag − z_c)/T, with the difference wrapped. Here z_c is the fused z, z is

@@ -26,7 +26,7 @@ pub struct Estimate {
     pub attitude: Attitude,
     /// Reference direction of the heading.
     pub reference: CourseReference,
-    /// Gyro bias, rad/s, body axes.
+    /// Gyro bias in body axes, rad/s.
     pub bias_rad_s: Vector3<f64>,
     /// Standard deviation of the inclination, rad.
     pub inclination_sd_rad: f64,

@@ -16,7 +16,7 @@ pub struct Fused {
     pub attitude: Attitude,
     /// Body rate with the bias removed, rad/s.
     pub rate_rad_s: Vector3<f64>,
-    /// Gyro bias, rad/s, body axes; zero if the stage does not estimate it.
+    /// Gyro bias in body axes, rad/s; zero if the stage does not estimate it.
     pub bias_rad_s: Vector3<f64>,
     /// Angle between the up vectors of accelerometer and attitude, rad; 0 if there is no
     /// inclination.

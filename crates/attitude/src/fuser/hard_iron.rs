@@ -8,8 +8,8 @@ const MAX_FIELD_UT: f64 = 1e4;
 /// Hard iron with its uncertainty.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct HardIron {
-    /// Magnetic field of the body, which adds to the external field in the magnetometer's reading,
-    /// µT, body axes.
+    /// Magnetic field of the body in body axes, µT. The magnetometer measures the sum of this field
+    /// and the external field.
     pub field_ut: Vector3<f64>,
     /// Standard deviation of each component, µT; infinite if unknown.
     pub sd_ut: f64,

@@ -9,7 +9,7 @@ pub struct FuserInput {
     pub motion: Option<Motion>,
     /// Inclination from the accel slot. Present only if derived from a usable specific force.
     pub inclination: Option<Inclination>,
-    /// Magnetic field, µT, body axes. Present only for a new sample.
+    /// Magnetic field in body axes, µT. Present only for a new sample.
     pub field_ut: Option<Vector3<f64>>,
     /// Fix of the satellite receiver. Present only at the tick at which it arrived.
     pub fix: Option<Fix>,

@@ -21,7 +21,7 @@ const UNKNOWN_SD_M_S: f64 = 4.0;
 /// Leaky integral of the horizontal specific force in a levelling loop, with its uncertainty.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct LeakyVelocity {
-    /// Velocity, m/s, along east and north of the attitude's reference frame, as ξ + jη.
+    /// Velocity along east and north of the attitude's reference frame, as ξ + jη, m/s.
     pub velocity_m_s: Complex<f64>,
     /// Standard deviation of each component, m/s; infinite if unknown.
     pub sd_m_s: f64,
@@ -54,8 +54,8 @@ impl LeakyVelocity {
         self.sd_m_s.min(UNKNOWN_SD_M_S)
     }
 
-    /// Returns the velocity in the axes of another frame. A rotation by `angle_rad` turns the axes
-    /// of that frame into the present ones.
+    /// Returns the velocity in the axes of another frame. Rotating the axes of that frame by
+    /// `angle_rad` gives the present axes.
     pub(super) fn rotated(self, angle_rad: f64) -> Self {
         let (sin, cos) = libm::sincos(angle_rad);
         Self { velocity_m_s: self.velocity_m_s * Complex::new(cos, sin), ..self }

@@ -1,4 +1,5 @@
-//! Rest detector: gyro and accelerometer have stayed close to their own means for a while.
+//! Rest detector. The body is at rest if gyro and accelerometer have stayed close to their own
+//! means for a while.
 //!
 //! The gyro is checked at each sample, the accelerometer at each update. A mean rate within 2 °/s
 //! of zero or of the known bias is accepted as a bias. A larger mean rate is accepted only while
@@ -27,9 +28,8 @@ const MAX_BIAS_RAD_S: f64 = 0.191_986_218;
 /// Longest interval in which a large mean rate may be accepted as a bias, s. A longer interval,
 /// such as one with a jump of the timestamps, does not show whether the body has rotated.
 const MAX_INTERVAL_S: f64 = 0.5;
-/// Largest change of force and magnetic field that is consistent with rest.
-///
-/// The change is a fraction of that which a real rotation would cause.
+/// Largest change of force and magnetic field that is consistent with rest, as a fraction of the
+/// change that a rotation at the mean rate would cause.
 const MAX_CHANGE_FRACTION: f64 = 0.5;
 /// Minimum change of the magnetic field by which a real rotation is recognised, µT.
 ///
@@ -61,7 +61,7 @@ pub(super) const BIAS_SD_AT_REST_RAD_S: f64 = 8e-4;
 /// Input of an update of the rest detector.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct RestInput {
-    /// Last specific force, m/s², body axes.
+    /// Last specific force in body axes, m/s².
     pub(super) force_m_s2: Vector3<f64>,
     /// Gyro bias, rad/s, if it is known from a rest or a hand-over.
     pub(super) known_bias_rad_s: Option<Vector3<f64>>,
@@ -113,7 +113,7 @@ impl Default for RestDetector {
 }
 
 impl RestDetector {
-    /// Processes one gyro sample, with the magnetic field if present, µT, body axes.
+    /// Processes one gyro sample and, if present, a magnetic field sample in body axes, µT.
     #[inline]
     pub(super) fn observe(&mut self, rate_rad_s: Vector3<f64>, field_ut: Option<Vector3<f64>>, dt_s: f64) {
         if let Some(field_ut) = field_ut {
@@ -231,7 +231,8 @@ mod tests {
     const DT_S: f64 = 0.01;
     const FIELD_UT: [f64; 3] = [4.0, 18.0, -42.0];
 
-    /// Returns the time of the first rest detection within 20 s, s; `None` if no rest is detected.
+    /// Returns the time (s) at which rest is first detected, or `None` if it is not detected within
+    /// 20 s.
     ///
     /// The body rotates at `rate_rad_s`, and the gyro reads `bias_rad_s` too much.
     fn detected_s(rate_rad_s: Vector3<f64>, bias_rad_s: Vector3<f64>, with_field: bool) -> Option<f64> {

@@ -49,13 +49,13 @@ pub struct SensorTick {
     pub motion: Option<Motion>,
     /// Faults of the rate.
     pub rate_faults: RateFaults,
-    /// Specific force as measured, m/s², body axes; `None` if it is missing.
+    /// Specific force in body axes as measured, m/s²; `None` if it is missing.
     pub force_m_s2: Option<Vector3<f64>>,
     /// Inclination from an accelerometer stage; `None` if the force has no direction.
     pub inclination: Option<Inclination>,
     /// Faults of the specific force.
     pub force_faults: ForceFaults,
-    /// Magnetic field, µT, body axes. Present only for a new sample.
+    /// Magnetic field in body axes, µT. Present only for a new sample.
     pub field_ut: Option<Vector3<f64>>,
     /// Fix of the satellite receiver. Present only at the tick at which it arrived.
     pub fix: Option<Fix>,
@@ -142,7 +142,8 @@ pub struct SupervisedFuser<S> {
 /// State of a [`SupervisedFuser`], excluding its stage.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct SupervisedState {
-    /// Gyro's open-loop attitude at the end of the newest motion, and the time of that end, ns.
+    /// Open-loop attitude of the gyro at the end of the newest motion, and the time at which this
+    /// motion ended, ns.
     pub previous_motion: Option<(Attitude, i64)>,
     /// Set once the attitude has been aligned.
     pub is_aligned: bool,
@@ -152,7 +153,7 @@ pub struct SupervisedState {
     pub rate_outage_s: f64,
     /// Newest fused attitude.
     pub attitude: Attitude,
-    /// Newest specific force as measured, m/s², body axes.
+    /// Newest specific force in body axes as measured, m/s².
     pub force_m_s2: [f64; 3],
     /// Set if the body has rotated since the force last changed.
     pub has_rotated: bool,

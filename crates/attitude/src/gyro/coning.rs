@@ -46,9 +46,9 @@ pub(super) struct Coning {
 /// Rotation of one interval.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct IntervalRotation {
-    /// Rotation vector φ, rad, body axes at the start of the interval.
+    /// Rotation vector φ in body axes at the start of the interval, rad.
     pub(super) vector_rad: Vector3<f64>,
-    /// Mean rate Δθ/h, rad/s, body axes.
+    /// Mean rate Δθ/h in body axes, rad/s.
     pub(super) mean_rate_rad_s: Vector3<f64>,
 }
 

@@ -29,7 +29,7 @@ use coning::Coning;
 /// the level.
 pub const MAX_BRIDGED_GAP_S: f64 = 1.0;
 
-/// Maximum rate, rad/s, above the range of any gyro. Larger rates are clamped.
+/// Maximum rate, rad/s. It is above the range of any gyro. Larger rates are clamped.
 const MAX_RATE_RAD_S: f64 = 1000.0;
 
 /// Integration method of a gyro stage.

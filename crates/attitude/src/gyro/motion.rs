@@ -8,7 +8,7 @@ use crate::{
     state::Attitude,
 };
 
-/// Relation of a rate sample to its interval.
+/// Meaning of a rate sample: the mean over its interval or the value at the end of it.
 ///
 /// The distinction matters. If an instantaneous value is treated as a mean, the attitude lags by
 /// half an interval, which is 1.1° at 4 rad/s and 100 Hz. The lag also biases the estimate of the
@@ -32,7 +32,7 @@ pub struct RateSample {
     pub rate_rad_s: Vector3<f64>,
     /// Length of the interval, s; 0 for the first sample.
     pub dt_s: f64,
-    /// Relation of the rate to the interval.
+    /// Meaning of the rate: the mean over the interval or the value at the end of it.
     pub kind: RateKind,
 }
 

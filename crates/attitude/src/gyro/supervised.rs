@@ -25,9 +25,9 @@ pub struct GyroTick {
     pub t_end_ns: i64,
     /// Faults of the sample.
     pub flags: Flags,
-    /// Body rate, rad/s, body axes.
+    /// Body rate in body axes, rad/s.
     pub rate_rad_s: [f64; 3],
-    /// Specific force, m/s², body axes.
+    /// Specific force in body axes, m/s².
     pub force_m_s2: [f64; 3],
 }
 

@@ -63,7 +63,7 @@ fn inclination_deg(a: Attitude, b: Attitude) -> f64 {
     libm::asin(a.up.direction().cross(&b.up.direction()).norm().min(1.0)).to_degrees()
 }
 
-/// Returns the RMS of the inclination error from `from_s` onwards, degrees.
+/// Returns the RMS of the inclination error from `from_s` onwards, in degrees.
 fn inclination_rms_deg(scenario: &Scenario, fuser: &mut Fuser, from_s: f64) -> f64 {
     let (mut sum, mut count) = (0.0, 0.0);
     fly(scenario, fuser, |t_s, out, truth| {
@@ -255,7 +255,7 @@ fn field_gives_heading_only_if_magnetic_is_set() {
 #[test]
 fn disturbed_field_does_not_affect_heading_in_flight() {
     let mut scenario = Scenario::parse("cruise?duration_s=600").unwrap();
-    // A magnet on board, half as strong as the earth's magnetic field and rotating with the body.
+    // A magnet on board. Its field is half as strong as the earth's and rotates with the body.
     let mut worst_deg = 0.0f64;
     scenario.errors.magnetometer = Some(Magnetometer { reference_ut: Vector3::new(0.0, 20.0, -44.0), noise_ut: 0.5 });
     let (mut front, mut fuser) = (FrontEnd::new(scenario.rate_kind), aided(&[]));

@@ -17,7 +17,8 @@ use attitude::{
 };
 use recording::Reader;
 
-/// Largest accepted mean over the ten trials, degrees. VQF without the magnetometer reaches 0.665°.
+/// Largest accepted mean over the ten trials, in degrees. VQF without the magnetometer reaches
+/// 0.665°.
 const MAX_MEAN_RMSE_DEG: f64 = 0.56;
 const DT_S: f64 = 0.0035;
 

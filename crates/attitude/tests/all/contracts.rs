@@ -17,7 +17,7 @@ use scenario::Scenario;
 /// Fusers under test.
 const FUSERS: [&str; 5] = ["wz-closed", "wz-open", "madgwick", "madgwick-improved", "vqf"];
 
-/// Magnetic field of the site, east, north, up: 20 µT to the north and 44 µT down.
+/// Magnetic field of the site (east, north, up), 20 µT to the north and 44 µT down.
 const FIELD_UT: Vector3<f64> = Vector3::new(0.0, 20.0, -44.0);
 
 /// Returns the input from ideal sensors at one tick.

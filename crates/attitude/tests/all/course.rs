@@ -34,7 +34,7 @@ fn course(name: &str, settings: &[(&str, f64)]) -> Course {
 
 /// Runs a stage for `seconds` at 100 Hz and returns its readings.
 ///
-/// `yaw` and `track` receive the time, s. `track` is called at every tenth tick and returns a fix,
+/// `yaw` and `track` receive the time (s). `track` is called at every tenth tick and returns a fix,
 /// if any.
 fn run(
     course: &mut Course,

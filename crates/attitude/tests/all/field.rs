@@ -16,13 +16,13 @@ use attitude::{
 #[derive(Clone, Copy)]
 struct World {
     rate_hz: f64,
-    /// Interval between magnetometer samples, ticks.
+    /// Interval between magnetometer samples, in ticks.
     field_interval_ticks: u64,
     delay_s: f64,
     rest_s: f64,
     /// Speed of the movement relative to [`attitude_at`], which has a mean rate of 1.4 rad/s.
     speed_factor: f64,
-    /// Magnetic field, east, north, up, µT.
+    /// Magnetic field (east, north, up), µT.
     field_ut: [f64; 3],
     /// Drift rate of the gyro heading in motion, rad/s.
     drift_rad_s: f64,
@@ -116,7 +116,7 @@ impl World {
 
 fn unchanged(_: f64, _: &mut FuserInput) {}
 
-/// Returns the largest heading error from `from_s` onwards, degrees.
+/// Returns the largest heading error from `from_s` onwards, in degrees.
 fn max_error_deg(world: World, from_s: f64, until_s: f64, change: impl Fn(f64, &mut FuserInput)) -> f64 {
     let mut max_error = 0f64;
     world.run(&mut Wz::default(), until_s, change, |t_s, _, error, _| {
@@ -227,8 +227,9 @@ fn heading_recovers_within_20_s_of_a_field_fault() {
 /// Returns the largest heading error, the longest time with an underestimated error, and the
 /// output.
 ///
-/// The largest error, degrees, is that from `from_s` onwards. The time, s, is the longest for which
-/// the error exceeds three reported standard deviations. The output is that of the last tick.
+/// The largest error, in degrees, is that from `from_s` onwards. The time, in seconds, is the
+/// longest for which the error exceeds three reported standard deviations. The output is that of
+/// the last tick.
 fn honest_errors(world: World, from_s: f64, until_s: f64, change: impl Fn(f64, &mut FuserInput)) -> (f64, f64, Fused) {
     let (mut max_error_deg, mut excess_s, mut longest_s, mut last) = (0f64, 0f64, 0f64, None);
     world.run(&mut Wz::default(), until_s, change, |t_s, out, error, _| {

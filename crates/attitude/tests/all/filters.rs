@@ -31,7 +31,7 @@ fn exact_estimate(attitude: Attitude) -> Estimate {
     }
 }
 
-/// Returns the RMS of the angle between estimate and truth over scenario S3, degrees.
+/// Returns the RMS of the angle between estimate and truth over scenario S3, in degrees.
 fn s3_rms_deg(name: &str, parameter: &str, beta: f64, seed: u64) -> f64 {
     let (mut fuser, mut gyro, mut accel) =
         (fuser_with(name, parameter, beta), Gyro::from_name("mobius").unwrap(), Accelerometer::default());
@@ -59,7 +59,7 @@ fn s3_rms_deg(name: &str, parameter: &str, beta: f64, seed: u64) -> f64 {
     (sum / count).sqrt()
 }
 
-/// Returns the mean of [`s3_rms_deg`] over 40 seeds, degrees.
+/// Returns the mean of [`s3_rms_deg`] over 40 seeds, in degrees.
 fn s3_mean_deg(name: &str, parameter: &str, beta: f64) -> f64 {
     (1..=40).map(|seed| s3_rms_deg(name, parameter, beta, seed)).sum::<f64>() / 40.0
 }

@@ -67,7 +67,7 @@ impl Rms {
     }
 }
 
-/// Errors, degrees.
+/// Errors in degrees.
 ///
 /// `with_fixes` and `without_fixes` hold the errors of roll and pitch. `step` is the part of the
 /// attitude change between samples that is not motion of the body.
@@ -278,9 +278,10 @@ fn recorded_flight() -> Option<Vec<Row>> {
     Some(imu.lines().skip(1).map(row).collect())
 }
 
-/// Returns the RMS errors of inclination and heading, degrees, starting one minute after take-off.
+/// Returns the RMS errors of inclination and heading in degrees, starting one minute after
+/// take-off.
 ///
-/// `is_covered` receives the time since the start of this period, s. Fixes are used only while it
+/// `is_covered` receives the time (s) since the start of this period. Fixes are used only while it
 /// returns `true`.
 fn errors_over_flight(fuser: &str, name: &str, rows: &[Row], is_covered: impl Fn(f64) -> bool) -> [f64; 2] {
     let from_s = rows.iter().find(|row| row.flying).unwrap().t_s + 60.0;

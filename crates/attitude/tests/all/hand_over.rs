@@ -73,20 +73,22 @@ const MAGNETIC_FUSERS: [&str; 7] =
 /// Fusers with a small error in all movements of the trials.
 const ACCURATE_FUSERS: [&str; 3] = ["wz", "multiple-model", "vqf"];
 
-/// Margin for a swap from a fuser with a small error, degrees. It applies to the error over the
+/// Margin for a swap from a fuser with a small error, in degrees. It applies to the error over the
 /// whole trial.
 const WHOLE_TRIAL: Errors = degrees(0.05, 0.05);
-/// Margin for a swap to `vqf` from a fuser with a small error, degrees. It applies to the error
+/// Margin for a swap to `vqf` from a fuser with a small error, in degrees. It applies to the error
 /// over the whole trial.
 const WHOLE_TRIAL_VQF: Errors = degrees(0.07, 0.1);
-/// Margins for swaps between `wz` and `multiple-model`, degrees. ¶ The first margin is for the
-/// error from the swap on, the second for the error over the whole trial.
+/// Margins for swaps between `wz` and `multiple-model`, in degrees.
+///
+/// The first margin is for the error from the swap on, the second for the error over the whole
+/// trial.
 ///
 /// On these trials the two fusers behave identically, so each swap is in effect a hand-over from a
 /// fuser to itself. Such a swap shows the effect of the hand-over, which the larger error of other
 /// fusers would hide.
 const SAME_FUSER: [Errors; 2] = [degrees(0.05, 0.25), degrees(0.05, 0.08)];
-/// Margins for each second fuser, degrees.
+/// Margins for each second fuser, in degrees.
 ///
 /// The first margin is for the error from the swap on if the first fuser has a small error. The
 /// other two are for any other first fuser: one for the error from the swap on, and one for the
@@ -135,7 +137,7 @@ impl Add for Sums {
     }
 }
 
-/// Root-mean-square errors, or differences of them, degrees.
+/// Root-mean-square errors, or differences of them, in degrees.
 #[derive(Debug, Clone, Copy, PartialEq)]
 struct Errors {
     inclination: f64,

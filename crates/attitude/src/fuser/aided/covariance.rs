@@ -13,17 +13,17 @@ use crate::{Matrix3, Vector3, scalars::Scalars};
 /// Interval between two propagations of the covariance, s.
 pub(super) const INTERVAL_S: f64 = 0.05;
 
-/// Index of the velocity error, m/s. This and every other vector occupies three components.
+/// Index of the velocity error, m/s. Each vector occupies three consecutive components.
 pub(super) const VELOCITY: usize = 0;
 /// Index of the rotation about east, north and up, rad.
 pub(super) const ROTATION: usize = 3;
 /// Index of the heading, the last component of the rotation.
 pub(super) const HEADING: usize = 5;
-/// Index of the gyro bias, rad/s, body axes.
+/// Index of the gyro bias in body axes, rad/s.
 pub(super) const GYRO: usize = 6;
 /// Index of the gyro bias about the body's vertical axis.
 pub(super) const GYRO_UP: usize = 8;
-/// Index of the accelerometer bias, m/s², body axes.
+/// Index of the accelerometer bias in body axes, m/s².
 pub(super) const ACCEL: usize = 9;
 /// Index of the latency, s.
 pub(super) const LATENCY: usize = 12;
@@ -39,7 +39,7 @@ pub(super) struct Covariance(SMatrix<f64, COUNT, COUNT>);
 /// Motion over one propagation interval.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct PropagationInterval {
-    /// Mean specific force, m/s², reference axes.
+    /// Mean specific force in reference axes, m/s².
     pub(super) force_m_s2: Vector3<f64>,
     /// Rotation matrix R, body → reference.
     pub(super) to_reference: Matrix3<f64>,

@@ -32,7 +32,7 @@ pub struct Aided {
     /// Set if the heading refers to north. A heading error affects the velocity only in this case.
     pub(super) course_known: bool,
     pub(super) velocity_m_s: Vector3<f64>,
-    /// Velocity of the antenna relative to the sensors, R (ω × r), m/s, reference axes.
+    /// Velocity of the antenna relative to the sensors, R (ω × r), in reference axes, m/s.
     pub(super) antenna_velocity_m_s: Vector3<f64>,
     pub(super) gyro_bias_rad_s: Vector3<f64>,
     pub(super) accel_bias_m_s2: Vector3<f64>,
@@ -40,7 +40,7 @@ pub struct Aided {
     pub(super) covariance: Covariance,
     pub(super) velocity_history: VelocityHistory,
     pub(super) sums: IntervalSums,
-    /// Rate of turn in the horizontal plane, rad/s, clockwise, averaged over the last second.
+    /// Clockwise turn rate in the horizontal plane, averaged over the last second, rad/s.
     pub(super) turn_rate_rad_s: f64,
     pub(super) aiding: Aiding,
     pub(super) consistency: Consistency,
@@ -90,7 +90,7 @@ impl Aided {
         stage
     }
 
-    /// Returns the accelerometer bias, m/s², body axes.
+    /// Returns the accelerometer bias in body axes, m/s².
     pub fn accel_bias_m_s2(&self) -> Vector3<f64> {
         self.accel_bias_m_s2
     }

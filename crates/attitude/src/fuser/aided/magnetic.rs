@@ -7,7 +7,7 @@ use super::{
 };
 use crate::{Vector3, course::CourseReference, fuser::fused::Corrections, state::wrapped_rad};
 
-/// Smallest horizontal component of the unit magnetic field vector that gives a direction.
+/// Smallest horizontal component of the unit magnetic field vector that defines a heading.
 const MIN_HORIZONTAL_FRACTION: f64 = 0.1;
 /// Indices of the error states that the magnetic field does not correct.
 ///

@@ -97,7 +97,7 @@ impl Settings {
         if noises(self) == noises(&Self::default()) { NoiseSettings::Default } else { NoiseSettings::Custom }
     }
 
-    /// Returns the vector from the sensors to the receiver's antenna, m, body axes.
+    /// Returns the vector from the sensors to the receiver's antenna in body axes, m.
     pub(super) fn antenna_m(&self) -> Vector3<f64> {
         Vector3::new(self.antenna_right_m, self.antenna_forward_m, self.antenna_up_m)
     }

@@ -1,5 +1,5 @@
-//! Standstill detector: gyro and accelerometer stay close to their means, and the receiver, if
-//! present, reports a speed near zero.
+//! Standstill detector. The body stands still while gyro and accelerometer stay close to their
+//! means and the receiver, if present, reports a speed near zero.
 
 use crate::{Vector3, scalars::scalars};
 
@@ -43,7 +43,7 @@ pub(super) struct StandstillDetector {
 }
 
 impl StandstillDetector {
-    /// Processes a sample. Returns the mean rate, rad/s, every half second of standstill.
+    /// Processes a sample. Returns the mean rate (rad/s) every half second of standstill.
     ///
     /// The body is considered moving while `limits` is `None`.
     pub(super) fn update(

@@ -122,8 +122,8 @@ impl Aided {
         limits
     }
 
-    /// Returns the earth's rate, rad/s, reference axes; zero if the latitude is unknown. The north
-    /// component is zero while the course is unknown.
+    /// Returns the earth's rate in reference axes, rad/s; zero if the latitude is unknown. The
+    /// north component is zero while the course is unknown.
     fn earth_rate_rad_s(&self) -> Vector3<f64> {
         let Some(latitude_rad) = self.aiding.latitude_rad() else { return Vector3::zeros() };
         let (sin, cos) = libm::sincos(latitude_rad);

@@ -11,7 +11,7 @@ pub(super) struct IntervalSums {
     pub(super) duration_s: f64,
     /// Time without a specific force since the last propagation of the covariance, s.
     pub(super) force_outage_s: f64,
-    /// Integral of the specific force, ∫ f dt, m/s, reference axes.
+    /// Integral of the specific force in reference axes, ∫ f dt, m/s.
     pub(super) force_m_s: Vector3<f64>,
     /// Integral of the squared rate, ∫ |ω|² dt, rad²/s.
     pub(super) rate2_rad2_s: f64,

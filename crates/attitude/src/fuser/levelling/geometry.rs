@@ -4,7 +4,7 @@
 use super::limits::{MAX_FORCE_M_S2, MAX_RATE_RAD_S, limited};
 use crate::{Complex, GRAVITY_M_S2, J, Vector3, state::Attitude};
 
-/// Returns the turn rate H' about the vertical, rad/s, clockwise from above.
+/// Returns the clockwise turn rate H' about the vertical, rad/s.
 pub(super) fn turn_rate_rad_s(attitude: Attitude, rate_rad_s: Vector3<f64>) -> f64 {
     -limited(rate_rad_s, MAX_RATE_RAD_S).dot(&attitude.up.direction())
 }
@@ -36,12 +36,12 @@ pub(super) fn vehicle_acceleration_m_s2(
     forward(attitude) * Complex::new(clamped(speed_rate_m_s2), -clamped(centripetal_m_s2))
 }
 
-/// Returns the point w in the level frame that corrects a small tilt: half the tilt.
+/// Returns the point w in the level frame that corrects a small tilt. The point is half the tilt.
 pub(super) fn level_correction(tilt_rad: Complex<f64>) -> Complex<f64> {
     tilt_rad * 0.5
 }
 
-/// Returns the tilt, rad, for which gravity would cause the given horizontal acceleration.
+/// Returns the tilt (rad) for which gravity would cause the given horizontal acceleration.
 pub(super) fn tilt_from_acceleration(unexplained_m_s2: Complex<f64>) -> Complex<f64> {
     unexplained_m_s2 / GRAVITY_M_S2
 }

@@ -56,12 +56,13 @@ pub(super) struct Platform {
     pub(super) started: bool,
     /// Time since the last force, s.
     since_force_s: f64,
-    /// Low-pass filtered horizontal force f_P, platform axes, m/s².
+    /// Low-pass filtered horizontal force f_P in platform axes, m/s².
     low_pass_m_s2: Complex<f64>,
     /// Time for which the low-pass filter still computes a plain mean, s. After that, the filter
     /// uses its time constant.
     averaging_deficit_s: f64,
-    /// Tilt measured by levelling, low-pass filtered over the levelling time constant.
+    /// Tilt measured by levelling, in platform axes, low-pass filtered over the levelling time
+    /// constant, rad.
     ///
     /// Platform axes, rad.
     lag_rad: Complex<f64>,

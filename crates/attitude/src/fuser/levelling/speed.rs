@@ -29,7 +29,7 @@ impl GroundSpeed {
         self.speed_m_s
     }
 
-    /// Returns the derivative V' of the speed, m/s², or zero if the derivative is no longer valid.
+    /// Returns the derivative V' of the speed (m/s²), or zero if the derivative is no longer valid.
     pub(super) fn rate_m_s2(&self) -> f64 {
         if self.rate_remaining_s > 0.0 { self.speed_rate_m_s2 } else { 0.0 }
     }

@@ -73,7 +73,7 @@ const DRIFT_RAD_S: f64 = 0.05 * PI / 180.0;
 /// Assumed RMS angle between a vehicle's nose and its track, rad (3°).
 const CRAB_SD_RAD: f64 = 3.0 * PI / 180.0;
 
-/// Fuser stage `levelling-unified`: two platforms in parallel, of which one provides the level.
+/// Fuser stage `levelling-unified`: two platforms in parallel, one of which provides the level.
 #[derive(Debug, Clone, PartialEq)]
 pub struct LevellingUnified {
     settings: UnifiedSettings,

@@ -274,8 +274,8 @@ impl Stage for Madgwick {
         }
     }
 
-    /// Continues from the handed-over state. A heading from true north is kept until the next
-    /// magnetic field sample, which resets it.
+    /// Continues from the handed-over state. A heading that refers to true north is kept until the
+    /// next magnetic field sample, which resets it.
     fn adopt(&mut self, common: &Estimate) -> Result<(), RestoreError> {
         common.validate()?;
         self.quaternion = common.attitude.quaternion();

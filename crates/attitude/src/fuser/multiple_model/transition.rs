@@ -29,7 +29,7 @@ const MAX_STEP_RAD: f64 = 1.745_329_3e-4;
 pub(super) struct Transition {
     /// Rotation about the vertical, rad.
     heading_rad: f64,
-    /// Rotation about east and north, rad, applied after the rotation about the vertical.
+    /// Rotation (rad) about east and north, applied after the rotation about the vertical.
     tilt_rad: Complex<f64>,
 }
 

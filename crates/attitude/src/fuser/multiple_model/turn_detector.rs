@@ -50,11 +50,12 @@ const MIN_TURN_S: f64 = 2.0;
 const MAX_TURN_S: f64 = 5.0;
 /// Initial standard deviation of the intercept. A scale error of 4 % is two standard deviations.
 const INTERCEPT_SD: f64 = 0.04;
-/// Largest deviation of the intercept from 1: a scale error of 5 %.
+/// Largest deviation of the intercept from 1. It corresponds to a scale error of 5 %.
 const MAX_INTERCEPT_DEVIATION: f64 = 0.1;
-/// Random walk of the intercept, 1/√s: a change of the scale by 0.1 % within 100 s.
+/// Random walk of the intercept, 1/√s. It corresponds to a change of the scale by 0.1 % within 100
+/// s.
 const INTERCEPT_WALK: f64 = 2e-4;
-/// Standard deviation of the slope (V/g)², s²: a speed of 100 m/s.
+/// Standard deviation of the slope (V/g)², s². It corresponds to a speed of 100 m/s.
 const SLOPE_SD_S2: f64 = 104.0;
 /// Time constant with which the estimated slope is forgotten, s. The slope is forgotten because a
 /// vehicle's speed changes.
@@ -246,8 +247,8 @@ mod tests {
 
     const DT_S: f64 = 0.01;
 
-    /// Returns the time, s, for which a turn is detected within `duration_s`. The body rotates
-    /// about the force. `rate` returns the rate of the body, rad/s, at a given time, s.
+    /// Returns the time (s) for which a turn is detected within `duration_s`. The body rotates
+    /// about the force. `rate` returns the rate of the body (rad/s) at a given time (s).
     fn turning_s(detector: &mut TurnDetector, duration_s: f64, force_m_s2: f64, rate: impl Fn(f64) -> f64) -> f64 {
         let mut turning_s = 0.0;
         for tick in 0..(duration_s / DT_S) as u32 {

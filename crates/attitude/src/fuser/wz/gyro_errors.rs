@@ -46,10 +46,10 @@ const UPDATE_INTERVAL_S: f64 = 0.2 - 1e-6;
 /// First update interval after the level is initialised, s. Short intervals let the level follow
 /// the mean force from the start.
 const INITIAL_INTERVAL_S: f64 = 0.02 - 1e-6;
-/// Length of the update intervals after the first, as a fraction of the time since initialisation.
+/// Length of the update intervals after the first, as a fraction of the time since the level was
+/// initialised.
 ///
-/// The time counts from the initialisation of the level. The length is limited to
-/// [`UPDATE_INTERVAL_S`].
+/// The length is limited to [`UPDATE_INTERVAL_S`].
 const INITIAL_INTERVAL_FRACTION: f64 = 0.15;
 /// Time after initialisation during which the level follows the plain mean of the force, s.
 ///
@@ -58,10 +58,10 @@ const MEAN_ONLY_S: f64 = 0.6;
 /// Duration that the first sample represents in the mean force after initialisation, s. A hand does
 /// not change its acceleration within a shorter time.
 const FIRST_SAMPLE_DURATION_S: f64 = 0.07;
-/// Factor applied to the standard deviation of a bias that is adopted together with a level. The
-/// errors of bias and level are correlated, but the correlation is not handed over.
+/// Factor applied to the standard deviation of a bias that is adopted together with a level. It
+/// allows for the correlation between the errors of bias and level, which is not handed over.
 const JOINT_HANDOVER_SD_FACTOR: f64 = core::f64::consts::SQRT_2;
-/// Largest standard deviation of the bias, rad/s: that of a consumer MEMS gyro after its own
+/// Largest standard deviation of the bias, rad/s. It is that of a consumer MEMS gyro after its own
 /// calibration.
 const MAX_BIAS_SD_RAD_S: f64 = 0.003;
 /// Largest change of the bias at a rest that is corrected without a restart, rad/s.
@@ -77,7 +77,8 @@ const MAX_SCALE: f64 = 0.01;
 ///
 /// It models the effect of misaligned axes at a changing rate.
 const BIAS_WALK_PER_RATE: f64 = 2e-5;
-/// Random walk of the scale error, 1/√s: the effect of a few degrees of warming in an hour.
+/// Random walk of the scale error, 1/√s. It models the effect of a few degrees of warming in an
+/// hour.
 const SCALE_WALK: f64 = 1e-5;
 /// Additional random walk of the tilt per unit of rate, √s.
 const TILT_WALK_PER_RATE: f64 = 2.5e-4;
@@ -126,8 +127,8 @@ const VELOCITY_CORRELATION: (f64, f64) = (10.0, 20.0);
 
 /// Largest squared heading drift that is consistent with its uncertainty.
 ///
-/// The unit is the sum of the variances of drift and bias. After a larger drift, the bias about the
-/// vertical counts as unknown.
+/// The squared drift is divided by the sum of the variances of drift and bias. After a larger
+/// drift, the bias about the vertical counts as unknown.
 const MAX_DRIFT2: f64 = 9.0;
 /// Largest variance of a heading drift that is used as a measurement of the bias.
 ///
@@ -345,8 +346,8 @@ impl GyroErrorFilter {
         self.outage_s = samples.outage_s;
         self.force_dt_m_s = samples.force_dt_m_s;
         self.since_update_s = samples.since_update_s;
-        // The other filter has removed its own bias and scale from the samples. The difference
-        // from this filter's bias and scale is therefore still in them.
+        // The other filter has removed its own bias and scale from the samples. The samples
+        // therefore still contain the difference between these errors and those of this filter.
         let bias_rad_s = self.bias_rad_s - samples.bias_rad_s;
         let scale = self.scale - samples.scale;
         for (drift, error) in samples.drift.iter().zip(bias_rad_s.iter().chain(scale.iter())) {
@@ -393,8 +394,8 @@ impl GyroErrorFilter {
         self.horizontal_bias_sd_rad_s
     }
 
-    /// Returns the standard deviation, about one horizontal axis, of the rotation that the bias
-    /// error causes, rad. `drift` is the rotation per unit of bias.
+    /// Returns the standard deviation (rad) of the rotation about one horizontal axis that the bias
+    /// error causes. `drift` is the rotation per unit of bias.
     fn bias_sd_across(&self, drift: &[Complex<f64>; GYRO_ERRORS]) -> f64 {
         let across = Vector3::new(drift[0].re, drift[1].re, drift[2].re);
         let along = Vector3::new(drift[0].im, drift[1].im, drift[2].im);
@@ -511,8 +512,8 @@ impl GyroErrorFilter {
         self.force_noise.memory_s() - noise::INITIAL_MEMORY_S
     }
 
-    /// Returns the duration accumulated since the last update, s, and the integral of the levelled
-    /// force, m/s.
+    /// Returns the duration (s) and the integral of the levelled force (m/s) accumulated since the
+    /// last update.
     pub(super) fn accumulated(&self) -> (f64, Complex<f64>) {
         (self.since_update_s, self.force_dt_m_s)
     }
@@ -798,10 +799,10 @@ impl GyroErrorFilter {
 
     /// Applies the drift of the heading as a measurement of the bias error about the vertical.
     ///
-    /// `up` is the vertical in body axes. Returns the change of the bias about the vertical, rad/s,
-    /// and the error of the loop. Returns `None` if the drift is not much better known than the
-    /// bias. If the drift is far outside its standard deviations, the bias about the vertical
-    /// counts as unknown.
+    /// `up` is the vertical in body axes. Returns the change of the bias about the vertical (rad/s)
+    /// and the error of the loop, or `None` if the drift is not much better known than the bias. If
+    /// the drift is many standard deviations in size, the bias about the vertical counts as
+    /// unknown.
     pub(super) fn observe_vertical_bias(&mut self, up: Vector3<f64>, drift: &Drift) -> Option<(f64, LoopError)> {
         let Drift { rate_rad_s, variance_rad2_s2 } = *drift;
         let bias_sd_rad_s = self.bias_sd_about(up);

@@ -32,7 +32,7 @@ pub(super) struct Level {
     velocity_m_s: Complex<f64>,
     /// Velocity at the last [`Level::take_tilt_correction`].
     last_velocity_m_s: Complex<f64>,
-    /// Known tilt error that is still to be corrected, rad, in the frame of fixed azimuth.
+    /// Known tilt error in the frame of fixed azimuth that is still to be corrected, rad.
     pending_rad: Complex<f64>,
     started: bool,
     time_constant: TiltTimeConstant,
@@ -142,7 +142,7 @@ impl Level {
         self.time_constant.t2_s()
     }
 
-    /// Returns the factor from the leaky velocity, m/s, to half the tilt rate, rad/s.
+    /// Returns the factor from the leaky velocity (m/s) to half the tilt rate (rad/s).
     #[inline]
     fn half_tilt_rate_per_velocity(&self) -> f64 {
         0.5 / (GRAVITY_M_S2 * T1_S * self.time_constant.t2_s())

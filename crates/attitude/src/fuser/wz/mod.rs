@@ -83,7 +83,7 @@ pub struct Wz {
     /// Duration of the last motion with a positive interval, s. A tick without a motion is assumed
     /// to last as long.
     last_interval_s: f64,
-    /// Duration of the current gyro outage, s, up to 1 s.
+    /// Duration of the current gyro outage, s. It is limited to 1 s.
     gyro_outage_s: f64,
 }
 
@@ -106,7 +106,7 @@ impl Wz {
     /// Table of the stage's parameters.
     pub(super) const PARAMETERS: &'static [Parameter] = Settings::TABLE;
 
-    /// Returns the estimated hard iron, µT, body axes.
+    /// Returns the estimated hard iron in body axes, µT.
     ///
     /// If it exceeds 3 µT, the magnetometer should be calibrated.
     pub fn hard_iron_ut(&self) -> Vector3<f64> {

@@ -16,7 +16,8 @@ const DECISION_VELOCITY_M_S: f64 = 8.0;
 /// force. Above this limit, the increase exceeds the scale error of an accelerometer. The loop
 /// corrects smaller level errors by itself.
 const MIN_HORIZONTAL_FORCE: f64 = 0.25;
-/// Fraction of the expected excess of the force's norm up to which the level counts as wrong.
+/// Largest excess of the force's norm at which the level counts as wrong, as a fraction of the
+/// excess that an acceleration would cause.
 ///
 /// The excess is the difference between the norm and g. An acceleration a would cause the excess
 /// a²/(2g), which is a²/(2g²) relative to g.
@@ -45,7 +46,7 @@ impl TiltFaultMonitor {
     /// Processes an interval. `innovation` is the mean innovation, `force` the horizontal part of
     /// the levelled force and `force_norm` the norm of the whole force, all divided by g.
     ///
-    /// Returns the error of the level, rad, if no acceleration explains the force.
+    /// Returns the error of the level (rad) if no acceleration explains the force.
     pub(super) fn observe(
         &mut self,
         innovation: Complex<f64>,

@@ -42,7 +42,8 @@ const MIN_T2_S: f64 = 3.0;
 const INITIAL_T2_S: f64 = 2.0;
 /// Largest time constant of the tilt, as a fraction of the time since the start.
 ///
-/// The level found at the start is as uncertain as the mean of the force over that time.
+/// The limit grows with time because the level is only as certain as the mean of the force since
+/// the start.
 const GROWTH: f64 = 0.35;
 /// Largest time constant of the tilt, s.
 const MAX_T2_S: f64 = 12.0;
@@ -52,12 +53,14 @@ const REFERENCE_S: f64 = 3.0;
 const MEMORY_S: f64 = 10.0;
 /// Duration over which the initial mean square is assumed to have been observed, s.
 const INITIAL_MEMORY_S: f64 = 1.0;
-/// Initial standard deviation of the reference loop's tilt, rad, for a body moved by hand.
+/// Initial standard deviation of the reference loop's tilt, rad. It is that of a body moved by
+/// hand.
 const INITIAL_TILT_SD_RAD: f64 = 0.01;
 /// Random walk of the tilt at rest, rad/√s. It includes effects that the bias filter does not
 /// model.
 const TILT_WALK_RAD: f64 = 2.5e-3;
-/// Additional random walk of the tilt per unit of rate, √s: misaligned axes and timing errors.
+/// Additional random walk of the tilt per unit of rate, √s, caused by misaligned axes and timing
+/// errors.
 const TILT_WALK_PER_RATE: f64 = 1e-3;
 /// Fraction of the bias uncertainty for which T2 is optimised. The bias filter corrects the effect
 /// of the remaining part once it has found the bias.
@@ -176,7 +179,7 @@ impl TiltTimeConstant {
     }
 }
 
-/// Returns the T that minimises S/(2 T) + q² T/2 + σ² T².
+/// Returns the value of T that minimises S/(2 T) + q² T/2 + σ² T².
 ///
 /// The derivative of this sum is concave and increasing. Newton's method, which starts at the
 /// solution for σ = 0, can therefore overshoot the zero only in its first step. Each step changes T

@@ -81,7 +81,7 @@ fn read_trial(path: PathBuf) -> Vec<Row> {
     text.lines().skip(1).map(row).collect()
 }
 
-/// Root-mean-square errors over one trial, or their mean over several, degrees.
+/// Root-mean-square errors over one trial, or their mean over several, in degrees.
 #[derive(Debug, Clone, Copy, Default)]
 pub(crate) struct Rmse {
     pub(crate) total: f64,

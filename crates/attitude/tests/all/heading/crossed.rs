@@ -3,8 +3,8 @@
 //! Heading errors depend mainly on the magnetic disturbance at the place of the movement, and each
 //! recording has only one place. Motion capture gives the magnetic field of each trial in earth
 //! axes, so a movement can be combined with the fields of six other places. The field is mirrored
-//! at random, so that an estimator has no advantage from trusting its first heading. Random scale
-//! and axis errors are added to the gyro.
+//! at random, so that an estimator gains nothing by trusting its first heading. Random scale and
+//! axis errors are added to the gyro.
 
 use super::{
     rng::Rng,
@@ -50,7 +50,7 @@ pub(crate) fn crossed_rows(movement: &Trial, place: &Trial, seed: u64) -> Vec<Ro
     rows
 }
 
-/// Magnetic field of a trial, µT, earth axes.
+/// Magnetic field of a trial in earth axes, µT.
 ///
 /// `mean_ut` is the mean over the movement. `at_rest_ut` and `moving_ut` are differences from this
 /// mean. The values in `moving_ut` are averages over `CHUNK_ROWS` (0.2 s).

@@ -78,8 +78,8 @@ pub(crate) fn into_earth(q: Quaternion<f64>, body: Vector3<f64>) -> Vector3<f64>
     (q * Quaternion::from_imag(body) * q.conjugate()).imag()
 }
 
-/// Root mean squares of the errors, degrees. The error quaternion, in earth axes, is the product of
-/// the estimate and the conjugate of the reference: e = q q_ref*.
+/// Root mean squares of the errors in degrees. The error quaternion in earth axes is e = q q_ref*,
+/// with the estimate q.
 #[derive(Debug, Clone, Copy, Default)]
 pub(crate) struct Errors {
     /// Angle of the error quaternion e: 2 acos |e_w|.

@@ -16,9 +16,9 @@ const MIN_TRACK_COSINE: f64 = 0.866;
 /// One measurement comes from the specific force, the other from the velocities of the fixes.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct MatchedIncrement {
-    /// Integral of the force, platform axes, m/s.
+    /// Integral of the force in platform axes, m/s.
     pub(super) by_force_m_s: Complex<f64>,
-    /// Difference between the velocities of the fixes, east + j north, m/s.
+    /// Difference between the velocities of the fixes, as east + j north, m/s.
     pub(super) by_fixes_m_s: Complex<f64>,
     /// Time between the validity times of the two fixes, s.
     pub(super) span_s: f64,
@@ -27,7 +27,7 @@ pub(super) struct MatchedIncrement {
 /// Track over ground.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Track {
-    /// Direction, east + j north, of unit length.
+    /// Direction as a complex number east + j north of modulus 1.
     pub(super) direction: Complex<f64>,
     /// Age of the track on arrival, s.
     pub(super) age_s: f64,
@@ -39,7 +39,7 @@ pub(super) struct Track {
 #[derive(Debug, Clone, PartialEq, Default)]
 pub(super) struct Aiding {
     matched: DelayMatchedIntegral,
-    /// Velocity reported by the last fix, east + j north, m/s.
+    /// Velocity reported by the last fix, as east + j north, m/s.
     velocity_m_s: Complex<f64>,
     /// Set if the force has been integrated without interruption since the validity time of the
     /// last fix.

@@ -18,7 +18,7 @@ pub(super) const MAX_AGE_S: f64 = 0.8;
 /// Change of velocity over a time span.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub(super) struct Increment {
-    /// Change of velocity, platform axes, m/s.
+    /// Change of velocity in platform axes, m/s.
     pub(super) velocity_m_s: Complex<f64>,
     /// Length of the time span, s.
     pub(super) span_s: f64,

@@ -27,7 +27,7 @@ pub(super) const MAX_BIAS_RAD_S: f64 = 5.0 * PI / 180.0;
 /// the course, H' the turn rate and H_track the track.
 ///
 /// Each velocity increment is used once. After an interruption of the force, or a gap between
-/// fixes, the next increment is that between the two fixes that follow. The first two tracks that
+/// fixes, the next increment lies between the two fixes that follow. The first two tracks that
 /// agree rotate the platform to north, so the heading jumps and from then on refers to true north.
 /// A handed-over magnetic heading is not used.
 ///
@@ -42,19 +42,19 @@ pub struct LevellingPi {
     pub(super) since_force_s: f64,
     pub(super) bias_rad_s: Vector3<f64>,
     pub(super) bias_variance_rad2_s2: f64,
-    /// Averaged turn rate H', rad/s, clockwise.
+    /// Averaged clockwise turn rate H', rad/s.
     pub(super) turn_rate_rad_s: f64,
     pub(super) aiding: Aiding,
     pub(super) heading: Heading,
-    /// Tilt correction that has not been applied yet, platform axes, rad.
+    /// Tilt correction in platform axes that has not been applied yet, rad.
     pub(super) pending_rad: Complex<f64>,
-    /// Low-pass filtered force minus V H' while there are no fixes, platform axes, m/s².
+    /// Low-pass filtered force minus V H' in platform axes while there are no fixes, m/s².
     pub(super) low_pass_m_s2: Complex<f64>,
     /// Time for which the low-pass filter of `low_pass_m_s2` still computes a plain mean, s. After
     /// that, the filter uses its time constant.
     pub(super) averaging_deficit_s: f64,
-    /// Tilt measured by levelling, low-pass filtered over the levelling time constant, platform
-    /// axes, rad.
+    /// Tilt measured by levelling, in platform axes, low-pass filtered over the levelling time
+    /// constant, rad.
     pub(super) lag_rad: Complex<f64>,
     pub(super) standstill: StandstillDetector,
     pub(super) bias_handover: HandedOverBias,

@@ -16,8 +16,7 @@ use core::f64::consts::PI;
 const SIGNIFICANT_ACCELERATION_M_S2: f64 = 1.0;
 /// Largest azimuth error inferred from one increment, rad.
 const MAX_AZIMUTH_ERROR_RAD: f64 = 0.3;
-/// Duration of accelerated motion after which turns are considered to have determined the azimuth,
-/// s.
+/// Duration of accelerated motion that turns need to determine the azimuth, s.
 const FULL_TURNING_S: f64 = 40.0;
 /// Typical wind across the track, m/s.
 const TYPICAL_CROSSWIND_M_S: f64 = 6.0;
@@ -25,7 +24,7 @@ const TYPICAL_CROSSWIND_M_S: f64 = 6.0;
 /// Correction of the azimuth and of the bias about the vertical.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct HeadingCorrection {
-    /// Azimuth error to subtract, rad, counter-clockwise.
+    /// Azimuth error to subtract, rad, positive counter-clockwise.
     pub(super) azimuth_rad: f64,
     /// Increment to add to the bias about the vertical, rad/s.
     ///
@@ -92,8 +91,8 @@ impl Heading {
     }
 
     /// Returns the correction from a velocity increment over `span_s`. `by_force_m_s` and
-    /// `by_fixes_m_s` are this increment as measured by the force and by the fixes, platform axes,
-    /// m/s.
+    /// `by_fixes_m_s` are this increment as measured by the force and by the fixes, in platform
+    /// axes, m/s.
     pub(super) fn correct_by_acceleration(
         &mut self,
         by_force_m_s: Complex<f64>,

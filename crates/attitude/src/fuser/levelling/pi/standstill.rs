@@ -1,4 +1,5 @@
-//! Standstill detection: rate and force stay near their means for longer than in a smooth cruise.
+//! Standstill detection. The body stands still if rate and force stay near their means for longer
+//! than they do in a smooth cruise.
 //!
 //! The rate is compared with its own mean, so that a bias does not hide the standstill. A very
 //! smooth steady turn slower than 1 °/s is mistaken for a bias.

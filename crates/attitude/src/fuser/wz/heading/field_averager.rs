@@ -35,7 +35,7 @@ pub(super) struct IntervalMeans {
     pub(super) windows: f64,
     /// Mean of R'm, the magnetic field in reference axes, µT.
     pub(super) field_ut: [f64; 3],
-    /// Mean of R' by rows, body axes to reference axes.
+    /// Mean of R', the rotation matrix from body axes to reference axes, row by row.
     pub(super) axes: [[f64; 3]; 3],
     /// Mean of R'ω, the rate in reference axes, rad/s.
     pub(super) rate_rad_s: [f64; 3],

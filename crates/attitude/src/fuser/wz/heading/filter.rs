@@ -19,8 +19,8 @@
 //!
 //! - e rotates about the vertical by βT + Σ κ_i ψ_i between intervals, where T is the length of the
 //!   interval and ψ_i = ∫ u_i ω_i dt is the rotation about the vertical contributed by body axis i,
-//!   and u is up in body axes. The random walk of e acts along ζ0 × e, because gyro noise rotates
-//!   the field and does not stretch it.
+//!   with the up vector u in body axes. The random walk of e acts along ζ0 × e, because gyro noise
+//!   rotates the field and does not stretch it.
 //! - κ models a drift that appears only while the body keeps turning one way: at a scale error of
 //!   half a per cent, a full turn causes 2° of drift. Without κ, β would follow this drift for a
 //!   minute, although β represents drift that does not depend on motion. The level filter estimates
@@ -48,7 +48,7 @@ use crate::{
 
 /// Number of states.
 pub(super) const STATES: usize = 16;
-/// Index of the ambient magnetic field e, µT, reference axes.
+/// Index of the ambient magnetic field e in reference axes, µT.
 pub(super) const E: usize = 0;
 /// Index of the drift rate β.
 pub(super) const BETA: usize = 3;
@@ -60,14 +60,14 @@ pub(super) const B: usize = 5;
 const D: usize = 8;
 /// Index of the gyro scale error κ.
 pub(super) const KAPPA: usize = 11;
-/// Index of the horizontal magnetic field p at the last rest site, µT, reference axes.
+/// Index of the horizontal magnetic field p at the last rest site, in reference axes, µT.
 const SITE: usize = 14;
 
 /// Standard deviation of an unknown ambient magnetic field, µT. It is close to the strongest field
 /// on Earth.
 const FIELD_SD_UT: f64 = 60.0;
-/// Initial standard deviation of the drift rate, rad/s: that of the gyro bias in the level filter.
-/// The random walk does not increase it beyond about this value.
+/// Initial standard deviation of the drift rate, rad/s, equal to that of the gyro bias in the level
+/// filter. The random walk does not increase it beyond about this value.
 pub(super) const DRIFT_SD_RAD_S: f64 = 0.003;
 /// Random walk of the drift rate while the body moves, rad/s/√s.
 const DRIFT_WALK_RAD_S: f64 = 2e-5;
@@ -91,7 +91,8 @@ const SCALE_SD_FLOOR: f64 = 3e-4;
 /// Initial standard deviation of the gyro scale error κ. Data sheets of MEMS gyros allow at most
 /// 0.5 to 1 %.
 const SCALE_SD: f64 = 0.003;
-/// Random walk of the gyro scale error κ, 1/√s: the effect of a few degrees of warming in an hour.
+/// Random walk of the gyro scale error κ, 1/√s. It models the effect of a few degrees of warming in
+/// an hour.
 const SCALE_WALK: f64 = 1e-5;
 /// Random walk of the gyro heading, rad/√s.
 const HEADING_WALK_RAD: f64 = 2e-4;
@@ -111,7 +112,7 @@ const DECAY_PER_TURN: f64 = 0.2;
 const DECAY_PER_ACCELERATION: f64 = 0.15;
 /// Acceleration above which the local disturbance decays faster, m/s².
 const ACCELERATION_THRESHOLD_M_S2: f64 = 0.3;
-/// Noise of the comparison with the last rest site on each axis, µT.
+/// Noise on each axis when the field is compared with that of the last rest site, µT.
 const REVISIT_SD_UT: f64 = 0.2;
 /// Gate for the normalised innovation squared when the field is compared with the last rest site.
 /// It is tight because the magnetic field at another site may be similar.
@@ -254,7 +255,7 @@ impl FieldFilter {
         (B..B + 3).map(|i| (self.x[i] - other.x[i]) * (self.x[i] - other.x[i])).sum()
     }
 
-    /// Returns the mean magnetic field minus the hard iron, µT, reference axes.
+    /// Returns the mean magnetic field minus the hard iron in reference axes, µT.
     pub(super) fn field_without_hard_iron_ut(&self, interval: &IntervalMeans) -> [f64; 3] {
         let hard_iron = |[a, b, c]: [f64; 3]| a * self.x[B] + b * self.x[B + 1] + c * self.x[B + 2];
         core::array::from_fn(|i| interval.field_ut[i] - hard_iron(interval.axes[i]))
@@ -356,7 +357,7 @@ impl FieldFilter {
         self.p[E + 1][E + 1] += horizontal2;
     }
 
-    /// Returns the angle that rotates the horizontal magnetic field to north, rad, and its
+    /// Returns the angle (rad) that rotates the horizontal magnetic field to north, and its
     /// variance.
     pub(super) fn heading_correction(&self) -> (f64, f64) {
         let (x, y) = (self.x[E], self.x[E + 1]);
@@ -511,7 +512,7 @@ impl FieldFilter {
 
     /// Returns the reason why the state is invalid, or `None` if it is valid.
     ///
-    /// The covariance is checked by its factors L D Lᵀ.
+    /// The covariance is checked by its factorisation L D Lᵀ.
     pub(super) fn validation_error(&self) -> Option<&'static str> {
         let mut remainder = self.p;
         for k in 0..STATES {

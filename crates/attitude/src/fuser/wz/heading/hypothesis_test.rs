@@ -3,8 +3,8 @@
 //! | | hypothesis | start |
 //! | --- | --- | --- |
 //! | M | the hard iron is unchanged | main filter, gives the heading |
-//! | B | a magnet was attached to the body or removed | copy of M with b uncertain by another 15 µT |
-//! | E | the ambient field has changed | copy of M with e uncertain by another 15 µT |
+//! | B | a magnet was attached to the body or removed | copy of M with 15 µT added to the uncertainty of b |
+//! | E | the ambient field has changed | copy of M with 15 µT added to the uncertainty of e |
 //!
 //! The gate of M rejects disturbances, during which the heading follows the gyro. A sudden change
 //! of a field that is fixed to the body fits only B. A changed ambient field fits E as well as B,
@@ -15,9 +15,10 @@
 //! because no hypothesis models soft iron or field gradients, and B, having more freedom than the
 //! others, explains a little of both. The sum does not fall below zero.
 //!
-//! A fourth possibility is that M relies on a field that is not the earth's: the body has started
-//! near iron or a magnet. M restarts with another field if that field has been steady for longer
-//! than M has used its own field (`new_field`). Both times are counted only while the body turns.
+//! A fourth possibility is that M relies on a field that is not the earth's, because the body has
+//! started near iron or a magnet. M restarts with another field if that field has been steady for
+//! longer than M has used its own field (`new_field`). Both times are counted only while the body
+//! turns.
 //!
 //! B replaces M when it leads both others by the margin, its hard iron differs from that of M, and
 //! the body has turned. B and E restart from M when B fails, or after 50 s without a decision.
@@ -41,7 +42,7 @@ const GATE: f64 = 11.0;
 const MAX_NIS: f64 = 30.0;
 /// Normalised innovation squared above which a disturbance counts as strong.
 ///
-/// It is that of the main filter M. A magnet passing close by exceeds the threshold.
+/// The innovation is that of the main filter M. A magnet passing close by exceeds the threshold.
 const STRONG_NIS: f64 = 200.0;
 /// Time for which the main filter M uses no magnetic field after a strong disturbance, s.
 ///
@@ -61,14 +62,14 @@ const ALLOWANCE_PER_S: f64 = 5.5;
 const MIN_TURN_RATE_RAD_S: f64 = 0.3;
 /// Time for which hypothesis B must reject the magnetic field for the challenge to fail, s.
 const CHALLENGER_REJECTION_TIMEOUT_S: f64 = 0.2;
-/// Duration of a challenge after which it restarts, s.
+/// Maximum duration of a challenge, s. The challenge then restarts.
 const CHALLENGE_TIMEOUT_S: f64 = 50.0;
 /// Time for which a different magnetic field must be steady to replace a well supported one, s. It
 /// is also the time for which the field must be rejected before all states that depend on it are
 /// reset. The rejection is counted only while the body turns or the main filter is on probation.
 const REJECTION_TIMEOUT_S: f64 = 60.0;
-/// Time of use after which the magnetic field of the main filter M counts as well supported, s.
-/// Like the times below, it is counted only while the body turns.
+/// Time for which the main filter M must use a magnetic field before the field counts as well
+/// supported, s. Like the times below, it is counted only while the body turns.
 const WELL_SUPPORTED_S: f64 = 20.0;
 /// Shortest time for which another magnetic field must be steady to replace that of the main
 /// filter, s. Hypothesis B needs less time to recognise a field that is fixed to the body.
@@ -97,7 +98,8 @@ const UNMOVED_SD_RAD: f64 = 0.5;
 const CONFIRMATION_S: f64 = 3.0;
 /// Time for which a new main filter must accept the magnetic field to end its probation, s.
 const PROBATION_S: f64 = 10.0;
-/// Minimum time of rejection after which the direction of north is invalidated once more, s.
+/// Time for which the magnetic field must be rejected before the direction of north is invalidated
+/// once more, s.
 ///
 /// This happens only if the direction was invalidated before and the main filter is on probation.
 /// The main filter must also have rejected the magnetic field for longer than it has accepted it.

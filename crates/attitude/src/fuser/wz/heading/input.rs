@@ -19,7 +19,7 @@ pub(in crate::fuser::wz) struct HeadingInput {
     pub(in crate::fuser::wz) scale_variance: [f64; 3],
     /// Variance of the gyro bias about the vertical, rad²/s².
     pub(in crate::fuser::wz) vertical_bias_variance: f64,
-    /// Magnetic field, µT, body axes.
+    /// Magnetic field in body axes, µT.
     pub(in crate::fuser::wz) field_ut: Option<Vector3<f64>>,
     /// `true` while the body is at rest.
     pub(in crate::fuser::wz) at_rest: bool,

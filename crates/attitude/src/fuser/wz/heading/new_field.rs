@@ -34,7 +34,7 @@ pub(super) struct NewField {
 }
 
 impl NewField {
-    /// Processes a magnetic field that the main hypothesis has rejected, µT, reference axes.
+    /// Processes a magnetic field that the main hypothesis has rejected, in reference axes, µT.
     pub(super) fn observe_rejected(&mut self, field_ut: [f64; 3], interval_s: f64) {
         if self.steady_s == 0.0 {
             self.mean_ut = field_ut;
@@ -60,7 +60,7 @@ impl NewField {
         self.steady_s
     }
 
-    /// Returns the mean of the rejected magnetic fields, µT, reference axes.
+    /// Returns the mean of the rejected magnetic fields in reference axes, µT.
     pub(super) fn mean_ut(&self) -> [f64; 3] {
         self.mean_ut
     }

@@ -1,4 +1,5 @@
-//! Vibration detector: changes of the force from sample to sample, beyond a steady trend.
+//! Vibration detector. Vibration appears as changes of the force from sample to sample, beyond a
+//! steady trend.
 
 use crate::scalars::scalars;
 
