@@ -44,7 +44,7 @@
 //!
 //! | fault | effect |
 //! | --- | --- |
-//! | a rate or force is NaN, infinite or far beyond its range | flagged; the last valid value is used, or the rate 0 after 0.1 s |
+//! | a rate or force is NaN, infinite or far beyond its range | flagged; the last valid value is used, and the rate is 0 after 0.1 s |
 //! | a rate or force is at the end of its range | flagged; a clipped rate corrects no bias |
 //! | a sensor repeats its value for 0.5 s | flagged; a frozen force is not used while the rate varies |
 //! | a magnetic field is NaN, beyond its range or repeated | not used |

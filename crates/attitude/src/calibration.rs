@@ -94,7 +94,8 @@ pub struct Mounting {
 }
 
 impl Default for Mounting {
-    /// Returns `x-right-y-forward`, the mounting of a sensor whose axes are those of the body.
+    /// Returns `x-right-y-forward`, the mounting of a sensor with axes parallel to those of the
+    /// body.
     fn default() -> Self {
         Self { matrix: Matrix3::identity() }
     }
@@ -211,7 +212,7 @@ impl Mounting {
     }
 }
 
-/// Returns the rotation nearest to a rotation matrix whose elements were rounded.
+/// Returns the rotation nearest to a rotation matrix with rounded elements.
 ///
 /// M ← M (3 − MᵀM)/2 doubles the number of correct digits in each iteration.
 fn orthogonalised(matrix: Matrix3<f64>) -> Matrix3<f64> {

@@ -54,7 +54,7 @@ impl AngleUncertainty {
         libm::sqrt(self.innovation2_rad2)
     }
 
-    /// Returns the standard deviation, which is at most π, rad.
+    /// Returns the standard deviation, rad. It is at most π.
     pub(super) fn sd_rad(&self) -> f64 {
         self.sd_rad
     }

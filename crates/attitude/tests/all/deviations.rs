@@ -158,7 +158,7 @@ fn aided_sd_with_sensor_parameters_is_consistent() {
     check("cruise-hard?gnss=never", &CRUISE_HARD, 0.2);
 }
 
-/// Tests exact gyro parameters with a simulated receiver that is better than its parameters.
+/// The gyro parameters are exact, and the simulated receiver is better than its parameters.
 ///
 /// The reported standard deviations may then be too large, but not too small.
 #[test]

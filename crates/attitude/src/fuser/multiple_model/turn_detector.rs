@@ -52,8 +52,7 @@ const MAX_TURN_S: f64 = 5.0;
 const INTERCEPT_SD: f64 = 0.04;
 /// Largest deviation of the intercept from 1. It corresponds to a scale error of 5 %.
 const MAX_INTERCEPT_DEVIATION: f64 = 0.1;
-/// Random walk of the intercept, 1/√s. It corresponds to a change of the scale by 0.1 % within 100
-/// s.
+/// Random walk of the intercept, 1/√s. It corresponds to a scale change of 0.1 % within 100 s.
 const INTERCEPT_WALK: f64 = 2e-4;
 /// Standard deviation of the slope (V/g)², s². It corresponds to a speed of 100 m/s.
 const SLOPE_SD_S2: f64 = 104.0;

@@ -44,18 +44,18 @@ const UNKNOWN_BIAS_SD_RAD_S: f64 = 0.1;
 const CHANGED_BIAS_SD_RAD_S: f64 = 0.05;
 /// Squared distance between the biases of the two filters above which they count as different.
 ///
-/// The unit is the squared standard deviation of the second filter. The value applies while the
-/// bias is unknown. If the errors of the three components were normally distributed, a value of 80
-/// would practically never be exceeded. The margin allows for accelerations that are not normally
-/// distributed.
+/// The distance is divided by the squared standard deviation of the second filter. The value
+/// applies while the bias is unknown. If the errors of the three components were normally
+/// distributed, a value of 80 would practically never be exceeded. The margin allows for
+/// accelerations that are not normally distributed.
 const MIN_DISTANCE2: f64 = 80.0;
 /// Value of [`MIN_DISTANCE2`] after a rest or a hand-over has shown the bias. A known bias changes
 /// rarely. In the test sets, the distance then stays below 40.
 const MIN_DISTANCE2_FROM_KNOWN: f64 = 160.0;
 /// Squared distance between the biases above which their difference adds to the level uncertainty.
 ///
-/// The unit is that of [`MIN_DISTANCE2`]. If the errors of the three components are normally
-/// distributed, 0.1 % of the distances exceed this value.
+/// The distance is scaled as in [`MIN_DISTANCE2`]. If the errors of the three components are
+/// normally distributed, 0.1 % of the distances exceed this value.
 const SUSPECTED_DISTANCE2: f64 = 16.0;
 /// Time for which the biases of the two filters must differ, s.
 const MIN_APART_S: f64 = 2.0 - 1e-6;

@@ -46,7 +46,7 @@ pub struct LevellingPi {
     pub(super) turn_rate_rad_s: f64,
     pub(super) aiding: Aiding,
     pub(super) heading: Heading,
-    /// Tilt correction in platform axes that has not been applied yet, rad.
+    /// Tilt correction that has not been applied yet, in platform axes, rad.
     pub(super) pending_rad: Complex<f64>,
     /// Low-pass filtered force minus V H' in platform axes while there are no fixes, m/s².
     pub(super) low_pass_m_s2: Complex<f64>,
