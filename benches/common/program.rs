@@ -1,4 +1,4 @@
-//! Entry point of a benchmark that starts copies of itself as the processes to be measured.
+//! Entry point of a benchmark that starts copies of itself and measures them.
 
 use std::process::ExitCode;
 

@@ -26,7 +26,7 @@ const CONNECT_TIMEOUT: Duration = Duration::from_secs(100);
 const LINKS_PER_THREAD: usize = 10;
 /// Longest wait for a message.
 const MAX_WAIT: Duration = Duration::from_millis(50);
-/// Maximum number of sessions of the router, above the size of any fleet measured here.
+/// Maximum number of sessions of the router. It is above the size of any fleet measured here.
 const MAX_SESSIONS: &str = "4096";
 
 /// Settings for one process of the fleet.

@@ -122,8 +122,8 @@ impl Attitude {
         self.0.reset_counter()
     }
 
-    /// Newest jump of the attitude: the rotation from the expected to the new attitude, w x y z,
-    /// body axes.
+    /// Newest jump of the attitude as a quaternion w x y z in body axes. It is the rotation from
+    /// the expected to the new attitude.
     #[getter]
     fn jump(&self) -> (f64, f64, f64, f64) {
         self.0.jump().into()

@@ -160,10 +160,9 @@ impl Ahrs {
     /// Store a velocity from the satellite receiver. It takes effect with the next gyro and
     /// accelerometer sample.
     ///
-    /// velocity_m_s: velocity, m/s, east, north, up, shape (3,).
-    /// velocity_sd_m_s: standard deviation of each component, m/s, if the receiver reports it.
-    /// age_s: age of the velocity on arrival, s, if known.
-    /// latitude_rad: geodetic latitude, rad, north positive, if known.
+    /// velocity_m_s: velocity (east, north, up), m/s, shape (3,). velocity_sd_m_s: standard
+    /// deviation of each component, m/s, if the receiver reports it. age_s: age of the velocity on
+    /// arrival, s, if known. latitude_rad: geodetic latitude, rad, north positive, if known.
     #[pyo3(signature = (velocity_m_s, *, velocity_sd_m_s = None, age_s = None, latitude_rad = None))]
     fn update_gnss(
         &mut self,

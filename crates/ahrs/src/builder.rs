@@ -310,8 +310,9 @@ impl<F: FuserStage> AhrsBuilder<F> {
         Ok(self)
     }
 
-    /// Chooses the course stage by name: `"angles"`, the default, or `"track"`. ¶ The stage
-    /// `"track"` uses the track over ground as the heading.
+    /// Chooses the course stage by name: `"angles"`, the default, or `"track"`.
+    ///
+    /// The stage `"track"` uses the track over ground as the heading.
     ///
     /// # Errors
     ///

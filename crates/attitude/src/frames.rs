@@ -92,7 +92,7 @@ impl Frame {
         }
     }
 
-    /// Converts a native quaternion, body → reference, w x y z, to this frame.
+    /// Converts a native quaternion (body → reference, w x y z) to this frame.
     pub fn quaternion(self, native: [f64; 4]) -> [f64; 4] {
         quaternion_from_native(self.earth(), self.body(), native)
     }
@@ -269,7 +269,7 @@ impl Body {
     }
 }
 
-/// Converts a native quaternion, w x y z, to the quaternion `body` → `earth`.
+/// Converts a native quaternion (w x y z) to the quaternion `body` → `earth`.
 ///
 /// The result is e q b*, where q is the native quaternion, b converts native body axes to `body`,
 /// and e converts native reference axes to `earth`. If b and e are the same permutation of axes,
@@ -282,7 +282,7 @@ pub fn quaternion_from_native(earth: Earth, body: Body, native: [f64; 4]) -> [f6
         .map(without_negative_zero)
 }
 
-/// Converts a quaternion `body` → `earth`, w x y z, to the native quaternion.
+/// Converts a quaternion `body` → `earth` (w x y z) to the native quaternion.
 ///
 /// The result is e* q b, where q is the given quaternion, and b and e are those of
 /// [`quaternion_from_native`].

@@ -2,7 +2,7 @@
 //!
 //! Input: the magnetic field at every tick.
 //!
-//! Output: the magnetic field at those ticks at which it is new, as a fuser expects it.
+//! Output: the magnetic field only at the ticks at which it is new, as a fuser expects it.
 //!
 //! A magnetometer is slower than a gyro. Recordings and drivers often repeat its newest sample
 //! until the next one arrives. A fuser would treat every repetition as a new measurement.

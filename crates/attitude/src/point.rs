@@ -31,7 +31,7 @@ impl Chart {
         }
     }
 
-    /// Converts a body vector to the axes of the chart or back: the inverted chart negates η and ζ.
+    /// Converts a body vector to the axes of the chart or back. The inverted chart negates η and ζ.
     #[inline]
     pub fn flip(self, body: Vector3<f64>) -> Vector3<f64> {
         let sign = self.sign();

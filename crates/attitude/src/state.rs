@@ -199,8 +199,9 @@ impl Attitude {
         self.tilted(tilt)
     }
 
-    /// Returns the horizontal part ξ + j η of a body vector in the level frame. ¶ The level frame
-    /// is the reference frame rotated by z.
+    /// Returns the horizontal part ξ + j η of a body vector in the level frame.
+    ///
+    /// The level frame is the reference frame rotated by z.
     ///
     /// h = F − (a + j b)(f_ζ + Re(w̄ F)) with F = f_ξ + j f_η and a + j b = 2w/(1 + |w|²). These
     /// are the first two rows of A(w)ᵀ f.

@@ -18,7 +18,7 @@
 
 use crate::{Quaternion, Vector3, point::Point, state::Attitude};
 
-/// Returns the point of the up direction, from pitch and roll by the matrix method.
+/// Returns the point of the up direction, computed from pitch and roll by the matrix method.
 ///
 /// Returns `None` if the direction is undefined.
 pub(super) fn point_by_matrix(force_m_s2: Vector3<f64>) -> Option<Point> {

@@ -70,10 +70,10 @@ settings! {
 pub struct SensorModel {
     /// Limits beyond which samples are flagged.
     pub limits: Limits,
-    /// Nominal sampling rate, Hz, above 0.
+    /// Nominal sampling rate, Hz. It must be above 0.
     ///
-    /// It sets the interval of samples with unusable timestamps, but only until other timestamps
-    /// show the true interval.
+    /// The rate sets the interval of samples with unusable timestamps, but only until other
+    /// timestamps show the true interval.
     pub rate_hz: f64,
     /// Meaning of a rate sample: the mean over its interval or the value at the end of it.
     pub rate_kind: RateKind,

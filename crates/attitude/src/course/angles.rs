@@ -1,4 +1,4 @@
-//! Course stage `angles`: the course is H = −ψ, with ψ the yaw, plus the declination.
+//! Course stage `angles`: the course is H = −ψ plus the declination, with the yaw ψ.
 
 use super::{
     continuity::{Continuity, gyroscopic_course},

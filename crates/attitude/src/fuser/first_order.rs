@@ -82,7 +82,7 @@ impl FirstOrder {
         corrections.tilt = true;
     }
 
-    /// Returns the correction to z by the magnetic field of the tick, rad.
+    /// Returns the correction to z from the magnetic field of the tick, rad.
     ///
     /// Returns `None` if the tick has no magnetic field or the level is not aligned yet.
     pub(super) fn heading_correction_rad(

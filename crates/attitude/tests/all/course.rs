@@ -172,8 +172,8 @@ fn gyro_bias_causes_predicted_course_error() {
         |t| fix(0.7, 20.0).filter(|_| is_covered(t)),
     );
     let at = |t_s: f64| error_deg(&readings[(t_s * 100.0) as usize - 1], 0.7);
-    // The magnitude of the steady error is the time constant of the stage times the bias: 50 s
-    // times 0.05 °/s, which is 2.5°. The gap of 60 s adds 60 s times 0.05 °/s, which is 3°.
+    // The steady error has the magnitude T b = 50 s · 0.05 °/s = 2.5°, with the time constant T of
+    // the stage and the bias b. The gap of 60 s adds 60 s · 0.05 °/s = 3°.
     assert!((at(400.0) + 2.5).abs() < 0.01, "{}", at(400.0));
     assert!((at(460.0) + 5.5).abs() < 0.01, "{}", at(460.0));
     assert!((at(510.0) + 2.5 + 3.0 * (-1f64).exp()).abs() < 0.15, "{}", at(510.0));

@@ -17,7 +17,7 @@ use attitude::{
 use scenario::Scenario;
 
 const SEEDS: core::ops::RangeInclusive<u64> = 1..=8;
-/// Minimum time since the last fix at which an error counts as an error without fixes, s.
+/// Time since the last fix above which an error counts towards `without_fixes`, s.
 const MIN_GAP_S: f64 = 1.5;
 
 struct Chain {

@@ -159,9 +159,9 @@ impl Errors {
     }
 }
 
-/// Run of one fuser over the whole trial.
+/// Results of one fuser that runs over the whole trial.
 ///
-/// It holds the state at the swap and the errors before and after the swap.
+/// They are its state at the swap and its errors before and after the swap.
 struct SoloRun {
     name: &'static str,
     at_swap: Fuser,

@@ -647,8 +647,9 @@ impl GyroErrorFilter {
         )
     }
 
-    /// Returns the correction at standstill. ¶ At standstill the force reveals the entire error of
-    /// the loop, regardless of its cause.
+    /// Returns the correction at standstill.
+    ///
+    /// At standstill the force reveals the entire error of the loop, regardless of its cause.
     ///
     /// The correction matches the loop's velocity to its current tilt, so that the tilt settles
     /// within T2. Sensitivities to earlier errors are adjusted accordingly.

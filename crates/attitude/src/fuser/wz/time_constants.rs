@@ -202,7 +202,7 @@ scalars!(
 mod tests {
     use super::*;
 
-    /// Returns the time constant after `duration_s` with the given acceleration, divided by g, and
+    /// Returns the time constant after `duration_s` with the given acceleration (divided by g) and
     /// tilt error.
     fn t2_after(time_constant: &mut TiltTimeConstant, acceleration: f64, tilt_error_rad: f64, duration_s: f64) -> f64 {
         let observation = MotionObservation {

@@ -128,8 +128,9 @@ fn wz_on_crossed_trials_beats_vqf() {
     assert!(wz.total <= 1.50 && wz.total < vqf.total, "{wz}");
 }
 
-/// Emulates warm starts: each trial starts with the gyro scale found in an earlier trial. ¶ The
-/// earlier scale is assumed to be accurate to 0.2 %.
+/// Emulates warm starts. Each trial starts with the gyro scale found in an earlier trial.
+///
+/// The earlier scale is assumed to be accurate to 0.2 %.
 ///
 /// Crossed trials all have different gyro errors, so an earlier scale cannot help. There, the scale
 /// must only not increase the error.

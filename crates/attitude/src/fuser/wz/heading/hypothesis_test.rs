@@ -93,8 +93,8 @@ const DEGREES_OF_FREEDOM: f64 = 3.0;
 /// Standard deviation of the heading before the body has moved, rad (29°). Iron near a parked
 /// vehicle rotates the magnetic field by tens of degrees.
 const UNMOVED_SD_RAD: f64 = 0.5;
-/// Time constant with which use in motion confirms a magnetic field, s. [`UNMOVED_SD_RAD`] decays
-/// with this time constant.
+/// Time constant with which a magnetic field is confirmed while it is used in motion, s.
+/// [`UNMOVED_SD_RAD`] decays with this time constant.
 const CONFIRMATION_S: f64 = 3.0;
 /// Time for which a new main filter must accept the magnetic field to end its probation, s.
 const PROBATION_S: f64 = 10.0;
@@ -186,7 +186,7 @@ impl HypothesisTest {
     }
 
     /// Forgets the drift rate, because the gyro bias has changed. The earlier drift may have been
-    /// mistaken for hard iron.
+    /// mistaken for hard iron, so the hard iron becomes less certain.
     pub(super) fn reset_drift(&mut self, sd_rad_s: f64) {
         self.for_each_filter(|filter| {
             filter.reset(BETA, sd_rad_s);

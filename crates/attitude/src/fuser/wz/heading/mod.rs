@@ -112,7 +112,8 @@ const MAX_LINEAR_RAD: f64 = 0.3;
 const VIBRATION_SD_RAD: f64 = 0.06;
 /// Averaging time of the vibration, s.
 const VIBRATION_MEMORY_S: f64 = 10.0;
-/// Standard deviation above which the drift of the gyro heading is uncertain, rad/s (0.6 °/s).
+/// Standard deviation above which the drift of the gyro heading counts as uncertain, rad/s (0.6
+/// °/s).
 const MAX_DRIFT_SD_RAD_S: f64 = 0.01;
 /// Largest heading correction that is applied gradually, rad (1°). A larger one is a flagged jump.
 const MAX_SMOOTHED_RAD: f64 = 0.017_453_293;

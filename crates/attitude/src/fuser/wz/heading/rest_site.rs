@@ -22,7 +22,7 @@ const MIN_INTERVALS: f64 = 10.0;
 const HORIZONTAL_SD_UT: f64 = 0.2;
 /// Repeatability (standard deviation) of the vertical magnetic field at a site, µT.
 const VERTICAL_SD_UT: f64 = 0.25;
-/// Repeatability (standard deviation) at a site of each component of the up vector in body axes.
+/// Repeatability (standard deviation) of each component of the up vector in body axes at a site.
 const UP_SD: f64 = 0.01;
 /// Largest normalised squared distance between two signatures of the same site.
 const MAX_DISTANCE2: f64 = 9.0;

@@ -3,8 +3,9 @@
 
 use crate::scalars::scalars;
 
-/// Threshold above which a body counts as vibrating, m/s². ¶ The threshold applies to the RMS of
-/// the second difference of the force's norm.
+/// Threshold above which a body counts as vibrating, m/s².
+///
+/// The threshold applies to the RMS of the second difference of the force's norm.
 ///
 /// With BROAD's sensor at 286 Hz, the RMS is 1.7 m/s² for a vibrating phone and less than 0.4 m/s²
 /// for any movement.
