@@ -5,8 +5,8 @@
 //! Input: `samples/broad.csv.gz`, a trial of BROAD with gyro, accelerometer, magnetometer and
 //! reference.
 //!
-//! Output: the table of `docs/reference/libraries.md`: for each library the RMS errors against the
-//! reference, and the time of an update.
+//! Output: the table of `docs/reference/libraries.md`, which gives for each library the RMS errors
+//! against the reference and the time of an update.
 //!
 //! Time: CPU time, as medians over interleaved rounds with the same samples.
 //!

@@ -10,9 +10,9 @@
 //!
 //! Failure: near the vertical, yaw and roll lose their meaning and the output is flagged.
 //!
-//! - [`angles`](AnglesCourse): the course is H = −ψ, with ψ the yaw, plus the declination if the
-//!   heading is magnetic. The course has the reference of the fuser's heading, or true north if a
-//!   declination was added.
+//! - [`angles`](AnglesCourse): the course is H = −ψ, where ψ is the yaw, plus the declination if
+//!   the heading is magnetic. The course has the reference of the fuser's heading, or true north if
+//!   a declination was added.
 //! - [`track`](TrackCourse): gyroscopic course, corrected towards the track over ground. The course
 //!   refers to true north from the first track onwards; before that it equals the course of
 //!   `angles`.

@@ -25,7 +25,7 @@
 //! A margin is the amount by which the error with the swap may exceed that of the worse fuser. The
 //! margins apply to the level, and to the whole attitude if both fusers refer to magnetic north.
 //!
-//! The first fuser has a small error (`wz`, `multiple-model` or `vqf`), all six trials:
+//! For a first fuser with a small error (`wz`, `multiple-model` or `vqf`), on all six trials:
 //!
 //! - The margin of the error over the whole trial is 0.05°. For a swap to `vqf`, which does not
 //!   estimate the error of a received velocity, it is 0.07° for the level and 0.1° for the heading.
@@ -35,7 +35,7 @@
 //!   and up to 0.25° for the heading, because `wz` hands over an error of 1.6° at one of the swaps.
 //!   The heading of `wz-open`, which is wrong by 13°, has a margin of 0.55°.
 //!
-//! The first fuser is any other, trials without magnetic disturbance:
+//! For any other first fuser, on the trials without magnetic disturbance:
 //!
 //! - The margin is 0.05° for the level of `wz`, `multiple-model`, `vqf` and `levelling-pi`. For the
 //!   heading it is 0.05° for `wz` and `multiple-model` and 0.25° for `vqf`.
@@ -43,8 +43,8 @@
 //!   30° at the swap hands over that error, and a second fuser with fixed gains removes it with its
 //!   own time constant. `aided` adds the reported uncertainty to its own initial one.
 //!
-//! The first fuser is any other, trial next to the magnet: nothing is asserted, because `wz-closed`
-//! is wrong by 70° there and `madgwick` keeps the attitude it receives.
+//! For any other first fuser, nothing is asserted on the trial next to the magnet, because
+//! `wz-closed` is wrong by 70° there and `madgwick` keeps the attitude it receives.
 #[allow(dead_code, reason = "each test file uses its part")]
 use std::ops::Add;
 

@@ -36,8 +36,9 @@
 //! implements this figure.
 //!
 //! Both laws assume a vehicle that moves where its nose points. In wind, V H' is wrong by the wind
-//! speed times H': 10 m/s in a turn of 3 °/s gives 3° of apparent tilt for the duration of the
-//! turn. The laws do not hold for backward and sideways motion; use `aided` in these cases.
+//! speed times H'. A wind of 10 m/s in a turn of 3 °/s, for example, looks like a tilt of 3° for
+//! the duration of the turn. The laws do not hold for backward and sideways motion; use `aided` in
+//! these cases.
 
 mod geometry;
 mod level_force;

@@ -6,9 +6,9 @@
 //! velocity is known from a receiver or, if there is none, inferred from turns. Both stages run all
 //! the time.
 //!
-//! Ground motion is detected in two ways: a velocity was used while the heading referred to true
-//! north, or a coordinated turn was detected (`turn_detector`). The level is that of `aided` if
-//! ground motion was detected within the last five minutes. Otherwise the level is that of `wz`.
+//! Ground motion is detected if a velocity was used while the heading referred to true north, or if
+//! a coordinated turn was detected (`turn_detector`). The level is that of `aided` if ground motion
+//! was detected within the last five minutes. Otherwise the level is that of `wz`.
 //!
 //! The heading is that of `aided` if it refers to true north. There is one exception: without
 //! ground motion, a heading of `wz` that refers to magnetic north takes precedence. In all other

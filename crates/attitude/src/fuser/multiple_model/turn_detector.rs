@@ -12,9 +12,10 @@
 //!
 //! where the factor (1 + s)² of the second term is neglected.
 //!
-//! A Kalman filter estimates intercept and slope of this line. The body turns if two conditions
-//! hold. The left side exceeds the intercept by more than the uncertainty of the intercept. The
-//! excess corresponds to a speed V = √(f̄² − g²(1 + s)²)/H' that is plausible for a vehicle.
+//! A Kalman filter estimates intercept and slope of this line. The body counts as turning if two
+//! conditions hold: the left side exceeds the intercept by more than the uncertainty of the
+//! intercept, and the excess corresponds to a speed V = √(f̄² − g²(1 + s)²)/H' that is plausible
+//! for a vehicle.
 //!
 //! Input: force and rotation of a tick.
 //!

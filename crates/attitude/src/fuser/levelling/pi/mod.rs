@@ -6,8 +6,8 @@
 //! ε' = b − b̂ − ε/τ,  b̂' = ε/(4τ²)
 //!
 //! with two equal roots at −1/(2τ). With τ = 20 s the bias estimate converges within minutes, and
-//! the bias then has no effect. What remains is the effect of the accelerometer bias: 0.12° for
-//! 0.02 m/s².
+//! the bias then has no effect. Only the effect of the accelerometer bias remains, which is 0.12°
+//! for 0.02 m/s².
 //!
 //! While fixes arrive, the centripetal acceleration V H' (speed times turn rate) is not used.
 //! Instead, the force is compared with the change of velocity as a vector. This is correct in wind,

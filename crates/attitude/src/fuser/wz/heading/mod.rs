@@ -47,11 +47,13 @@
 //! 5 among magnets and on BROAD, without the pause after strong disturbances. The errors without a
 //! variant are 4.5° and 1.63°.
 //!
-//! - local disturbance enlarged by the innovations (roughness, 40 s): 6.3°, crossed trials 1.25°
-//!   instead of 1.19°, a changed ambient field 5.5° instead of 1.4°; the roughness is therefore
-//!   only reported;
-//! - drift rate not updated within 2 s after a rejection: 5.3°, and 57° instead of 10° on iPhone 5;
-//! - a smaller prior of the drift rate, 0.002 rad/s: 4.7°, otherwise unchanged.
+//! - The local disturbance is enlarged by the innovations (roughness, 40 s). The error is 6.3°,
+//!   that of crossed trials 1.25° instead of 1.19°, and that in a changed ambient field 5.5°
+//!   instead of 1.4°. The roughness is therefore only reported.
+//! - The drift rate is not updated within 2 s after a rejection. The error is 5.3°, and on iPhone 5
+//!   it is 57° instead of 10°.
+//! - The prior of the drift rate is smaller, 0.002 rad/s. The error is 4.7°, and the other errors
+//!   are unchanged.
 
 mod field_averager;
 mod filter;
