@@ -4,7 +4,7 @@
 //!
 //! Output: the same messages for every subscriber, without a copy by the kernel.
 //!
-//! Time: every wait has a timeout. No other function reads a clock.
+//! Time: every wait has a timeout. Otherwise, a clock is read only to identify a run of the system.
 //!
 //! Failure: a publisher never blocks on a subscriber. If a subscriber is too slow, its oldest
 //! messages are overwritten, which shows as a gap in the ticks.

@@ -20,12 +20,14 @@ use crate::{
     limits::{Mib, OPEN_FILES_REMEDY, REQUIRED_OPEN_FILES, SHARED_MEMORY_REMEDY, SharedMemory},
 };
 
-/// Number of files below which the open-file limit is considered the cause of a failure.
+/// Minimum number of files that can still be opened. If there are fewer, the open-file limit is
+/// considered the cause of a failure.
 ///
-/// The number counts the files that could still be opened. The threshold is above zero because the
-/// failed operation has closed the files that it had opened.
+/// The threshold is above zero because the failed operation has closed the files that it had
+/// opened.
 const MIN_SPARE_FILES: u64 = 16;
-/// Free shared memory below which a lack of memory is considered the cause of a failure, bytes.
+/// Minimum free shared memory, bytes. If there is less, a lack of memory is considered the cause of
+/// a failure.
 const MIN_SPARE_MEMORY_BYTES: u64 = 256 << 10;
 
 impl SharedMemory {

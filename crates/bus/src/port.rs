@@ -37,7 +37,7 @@ const MAX_PUBLISHERS: usize = 6;
 /// The subscribers are the owner, a candidate and a killed process that has not been cleaned up
 /// yet.
 const MAX_SERVICE_SUBSCRIPTIONS: usize = 3;
-/// Maximum number of other subscriptions to a topic.
+/// Maximum number of subscriptions to a topic by processes that are not services.
 ///
 /// They belong to the gateway and a killed predecessor; to the supervisor, its recorder and its
 /// input check; and to the observers. Two are spare. Before an observer attaches, it removes the
@@ -124,7 +124,8 @@ impl BusTopic {
     ) -> Result<Self, BusError> {
         let (name, builder) = builder(node, topic.name)?;
         let publishers = if topic.publisher.is_many() { MAX_SERVICE_PORTS } else { MAX_PUBLISHERS };
-        // Each message that a publisher sends costs time for every subscription that may exist.
+        // Each possible subscription makes every send slower, so only the services that subscribe
+        // are counted.
         let services = Service::ALL.into_iter().filter(|service| topic.is_subscribed_by(*service)).count();
         let subscribers = MAX_SERVICE_SUBSCRIPTIONS * services + MAX_OTHER_SUBSCRIPTIONS;
         let topic = topic.name;

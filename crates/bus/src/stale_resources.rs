@@ -157,7 +157,7 @@ impl SystemName {
         pids_with_open(Path::new(&removed))
     }
 
-    /// Returns the processes of the observers.
+    /// Returns the process IDs of the observers.
     pub(crate) fn observer_pids(&self) -> Vec<u32> {
         (0..MAX_OBSERVERS).flat_map(|number| pids_with_open(&self.observer_lock_path(number))).collect()
     }

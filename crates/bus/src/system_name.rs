@@ -20,7 +20,7 @@ use crate::{
 
 /// Folder that contains the segments and folders of all systems.
 pub(crate) const SHARED_MEMORY: &str = "/dev/shm";
-/// Prefix of the names of a system's segments and folder, followed by the system name.
+/// Start of the names of a system's segments and folder. The system name follows it.
 pub(crate) const NAME_PREFIX: &str = "plumbline.";
 /// Timeout for the services of a previous owner to exit.
 const MEMBERS_EXIT_TIMEOUT: Duration = Duration::from_secs(5);
@@ -210,7 +210,8 @@ impl SystemName {
         if let Ok(root) = IoxPath::new(self.root().as_os_str().as_encoded_bytes()) {
             config.global.set_root_path(&root);
         }
-        // The supervisor cleans up after killed processes, so that they delay no other process.
+        // The supervisor cleans up after killed processes. A cleanup here would delay other
+        // processes.
         config.global.node.cleanup_dead_nodes_on_creation = false;
         config.global.node.cleanup_dead_nodes_on_destruction = false;
         config.global.service.cleanup_dead_nodes_on_open = false;

@@ -1,4 +1,4 @@
-//! Untyped access to a topic, chosen at run time: reads messages as bytes.
+//! Untyped access to a topic that is chosen at run time. Messages are read as bytes.
 
 use std::{mem, rc::Rc};
 

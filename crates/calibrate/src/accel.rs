@@ -80,9 +80,9 @@ struct Fit {
 /// Data from which a fit and its standard deviations were computed.
 #[derive(Clone, Copy, PartialEq)]
 enum DataSource {
-    /// Rests, exactly one for each unknown of the model.
+    /// The number of rests equals the number of unknowns of the model.
     MinimalRests,
-    /// Rests that outnumber the unknowns of the model.
+    /// The number of rests exceeds the number of unknowns of the model.
     Rests,
     Motion,
 }

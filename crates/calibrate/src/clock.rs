@@ -1,5 +1,6 @@
-//! Delay of the magnetometer relative to the gyro, from back-and-forth turns. In the sensor axes, a
-//! constant magnetic field rotates as measured by the gyro, but with the magnetometer's delay.
+//! Delay of the magnetometer relative to the gyro, from back-and-forth turns. Seen from the unit, a
+//! constant magnetic field rotates opposite to the measured rate, but the magnetometer reports this
+//! rotation with a delay.
 //!
 //! The model is dm/dt = −ω × m for the magnetic field m in sensor axes and the rate ω. The field
 //! read at time t belongs to time t − τ, where τ is the delay. Over a quarter of a second, from t₁

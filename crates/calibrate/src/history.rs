@@ -26,7 +26,7 @@ struct Entry {
     raw_rad_s: Vector3<f64>,
     /// Rotation from body axes at `t_ns` to body axes at the start of the segment.
     attitude: UnitQuaternion<f64>,
-    /// Number of the gap-free segment. Attitudes in different segments are not comparable.
+    /// Index of the gap-free segment. Attitudes in different segments are not comparable.
     segment: u32,
 }
 
@@ -67,7 +67,7 @@ impl AttitudeHistory {
         self.entries.last().map(|entry| entry.raw_rad_s)
     }
 
-    /// Returns the attitude at `t_ns` and the number of its segment.
+    /// Returns the attitude at `t_ns` and the index of its segment.
     ///
     /// The result is `None` before the first reading, after the last one and within a gap.
     pub(crate) fn attitude(&self, t_ns: i64) -> Option<(UnitQuaternion<f64>, u32)> {

@@ -8,7 +8,7 @@ use attitude::{GRAVITY_M_S2, Vector3, calibration::Calibration, gyro::RateKind};
 /// accepted timestamps fit into 64 bits.
 const MAX_T_NS: u64 = 4_000_000_000_000_000_000;
 
-/// Check of readings that skips and counts invalid ones.
+/// Filter that skips and counts invalid readings.
 #[derive(Debug, Clone, Default)]
 pub(crate) struct Intake {
     last_ns: Option<i64>,

@@ -24,8 +24,8 @@ const MIN_POSE_S: f64 = 2.0;
 /// Allowed range of the angle between the two poses, degrees.
 const POSE_ANGLE_RANGE_DEG: (f64, f64) = (20.0, 150.0);
 /// Maximum angle between the estimated mounting and a named one, degrees. The nearest named
-/// mounting is reported if it is within this angle. A named mounting has its axes along those of
-/// the body.
+/// mounting is reported if it is within this angle. In a named mounting, the axes of the unit are
+/// parallel to those of the body.
 const MAX_NAMED_ANGLE_DEG: f64 = 10.0;
 /// Angle above which a pose is unlikely to be the level one, degrees.
 ///
@@ -58,8 +58,7 @@ impl MountingCalibrator {
         self.assess(is_upright_pair).1
     }
 
-    /// Finds the poses among those that `is_pair` accepts as level and nose-down, and describes
-    /// what is missing.
+    /// Finds a level and a nose-down pose that `is_pair` accepts, and describes what is missing.
     fn assess(&self, is_pair: fn(&Rest, &Rest) -> bool) -> (Option<Poses>, Coverage) {
         let rests: Vec<_> = self.rests.rests().into_iter().filter(Rest::is_plausible_gravity).collect();
         let held: Vec<_> = rests.iter().filter(|rest| rest.duration_s() >= MIN_POSE_S).collect();

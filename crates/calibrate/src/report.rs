@@ -11,7 +11,7 @@ use crate::input::Kind;
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Coverage {
     /// Fraction of the conditions that are met, 0 to 1. Includes only conditions that can be
-    /// counted in advance.
+    /// checked before the calibration is computed.
     pub share: f64,
     /// Summary of the readings, as one phrase.
     pub summary: String,

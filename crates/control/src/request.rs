@@ -42,7 +42,7 @@ pub enum ControlRequest {
     Address {
         /// Reporting service.
         service: String,
-        /// Address; a fragment after `#` is shown to the user only.
+        /// Address. A fragment after `#` grants access and is shown only in the terminal.
         address: String,
     },
 }

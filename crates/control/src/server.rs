@@ -76,7 +76,7 @@ impl ControlSocket {
         Ok(true)
     }
 
-    /// Accepts clients and returns the requests that have arrived, each with the number of its
+    /// Accepts clients and returns the requests that have arrived, each with the identifier of its
     /// client.
     pub fn poll_requests(&mut self) -> Vec<(u64, ControlRequest)> {
         self.accept_clients();

@@ -44,7 +44,7 @@ impl TestSystem {
         client
     }
 
-    /// Responds to requests with 7 while `run` is running. Swaps are acknowledged but never
+    /// Responds to requests with 7 while `run` executes. Swaps are acknowledged but never
     /// completed.
     fn serve_during(&mut self, run: impl FnOnce(&str) + Send) {
         let Self(_, name, socket, _) = self;

@@ -48,7 +48,8 @@ fn run_case(stream: &Stream, rng: &mut FuzzRng) -> (Vec<Measurement>, Counts) {
     let (good, intact) = stream.units.split_at(UNITS as usize - INTACT_UNITS);
     let mut bytes = damage(good, rng);
     let damaged_bytes = bytes.len();
-    // In some cases, zero bytes end any false frame before the intact units start.
+    // In one of 64 cases, zero bytes complete any false frame, so that all intact units must be
+    // decoded.
     if stream.checksum_bits > 0 {
         bytes.resize(bytes.len() + FLUSH_BYTES * usize::from(rng.below(64) == 0), 0);
     }

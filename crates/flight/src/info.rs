@@ -42,7 +42,7 @@ const MIN_LIMITED_BYTES: u64 = 1 << 26;
 /// Length of the opcode and the length field at the start of each record, bytes.
 const RECORD_HEADER_BYTES: usize = 9;
 
-/// Values of a metadata record by the names of its entries.
+/// Entries of a metadata record: values by name.
 pub type Entries = BTreeMap<ForeignText, ForeignText>;
 
 /// Content of a flight.

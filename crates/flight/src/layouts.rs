@@ -75,7 +75,7 @@ fn foxglove_layout_names_existing_channels_and_fields() {
         }
     }
     assert!(paths > 10, "{paths} paths");
-    // Every panel has a position in the layout and vice versa.
+    // Every panel has a position in the layout, and every position has a panel.
     let layout_text = layout["layout"].to_string();
     let places: BTreeSet<_> = layout_text.split('"').filter(|word| word.contains('!')).collect();
     assert_eq!(places, panels.keys().map(String::as_str).collect());

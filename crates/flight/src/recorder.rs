@@ -181,7 +181,7 @@ impl Recorder {
         }
     }
 
-    /// Records that the subscriber buffer of `topic` was full, so that messages may have been lost.
+    /// Notes that the subscriber buffer of `topic` was full, so that messages may have been lost.
     /// For topics that have a message on every tick, lost ticks are counted instead.
     pub fn record_overflow(&mut self, topic: Topic) {
         if let Some(intake) = self.intakes[topic as usize].as_mut().filter(|intake| intake.gaps.is_none()) {

@@ -18,8 +18,8 @@ pub(crate) struct SpillFile {
 }
 
 impl SpillFile {
-    /// Creates the file in the folder of `path`, which names the recording. The file has the name
-    /// `PATH.KIND` only while it is being opened.
+    /// Creates the file in the folder of the recording `path`. It has the name `PATH.KIND` only
+    /// while it is being opened.
     pub(crate) fn create(path: &Path, kind: &str) -> io::Result<Self> {
         let mut name = path.as_os_str().to_owned();
         name.push(format!(".{kind}"));

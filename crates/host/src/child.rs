@@ -210,8 +210,8 @@ impl Child {
         }
     }
 
-    /// Waits until a packet arrives, the program exits or the time `left` is over. Returns `true`
-    /// if the program has exited.
+    /// Waits until a packet arrives, the program exits or the time `left` has elapsed. Returns
+    /// `true` if the program has exited.
     fn wait_for_packet(&self, left: Duration) -> bool {
         let mut fds =
             [&self.socket, self.exit.as_ref().unwrap_or(&self.socket)].map(|fd| PollFd::new(fd, PollFlags::IN));
@@ -234,7 +234,7 @@ impl Child {
 impl Child {
     /// Waits for the exit of the program and returns its status, or `None` on a timeout.
     ///
-    /// The process is not reaped, so that no other process group can get its number.
+    /// The process is not reaped, so that no other process group can get its identifier.
     fn wait_for_exit(&self, timeout: Duration) -> Option<ExitStatus> {
         let id = WaitId::Pid(Pid::from_raw(self.process.id() as i32)?);
         let options = WaitIdOptions::EXITED | WaitIdOptions::NOHANG | WaitIdOptions::NOWAIT;

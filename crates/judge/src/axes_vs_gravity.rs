@@ -204,7 +204,7 @@ impl HypothesisGroup {
     }
 
     /// Adds the spread in the finished window to the accumulated spread of each hypothesis. The
-    /// function `spread` computes the former from the sum of the rotated forces in the window.
+    /// function `spread` computes the spread in the window from the sum of its rotated forces.
     fn end_window(&mut self, spread: impl Fn(&Vector3<f64>) -> f64) {
         let Self { moments, sums, .. } = self;
         for sum in sums {

@@ -140,7 +140,7 @@ fn dead_accelerometer() -> Diagnosis {
 }
 
 /// Creates the diagnosis of a wrong rate unit. In `windows` windows of length `window_s`, the gyro
-/// measured a large rotation and the force showed little of it.
+/// measured a large rotation, but the force hardly rotated in body axes.
 pub(crate) fn unobserved_rotation(windows: u32, window_s: f64) -> Diagnosis {
     let evidence = format!(
         "{windows} times within {window_s} s the gyro reported ten times the rotation the accelerometer saw (> 57°)"
@@ -338,7 +338,7 @@ fn axis_names(axes: &Matrix3<f64>) -> String {
 /// of the angle between force and magnetic field.
 pub(crate) fn upside_down(force: [f64; 3], mean_cosine: Option<f64>) -> Diagnosis {
     /// Minimum |cosine| of the angle between force and magnetic field for distinguishing up from
-    /// down. It corresponds to 81°, which is reached within 5° of the magnetic equator.
+    /// down. It corresponds to 81°. The angle is larger only within 5° of the magnetic equator.
     const INCLINED: f64 = 0.15;
     let frd = cause(
         "axes forward, right, down (FRD, NED)",

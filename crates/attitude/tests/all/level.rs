@@ -176,8 +176,9 @@ fn error_of_no_fuser_grows_over_a_day() {
     for (name, _, first, last) in days {
         let (first_deg, last_deg) = (first.value(), last.value());
         println!("{name}: {first_deg:.4}° in the first hour, {last_deg:.4}° in the last");
-        // `wz-open` adds an offset to the point w of a gyro attitude that drifts without bound. The
-        // angle that corresponds to an error of this offset varies with the drift.
+        // `wz-open` adds an offset to the point w of an attitude that is integrated from the gyro
+        // and drifts without bound. As this attitude drifts, an error of the offset corresponds to
+        // a different angle, so the inclination error may grow.
         let growth = if name == "wz-open" { 3.0 } else { 1.1 };
         assert!(last_deg <= first_deg * growth, "{name}: {first_deg}°, {last_deg}°");
     }

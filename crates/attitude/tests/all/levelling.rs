@@ -154,7 +154,7 @@ fn worse_axis(errors: [Rms; 2]) -> f64 {
 fn levelling_is_within_0_5_degrees_aided_2_5_in_gaps() {
     let aided = flight_errors("levelling", "cruise?gnss=always", 1..=8);
     assert!(worse_axis(aided.aided) < 0.5);
-    // The error is the time constant of the stage `track` times the gyro bias: 50 s times 0.05 °/s.
+    // The error is time constant × gyro bias = 50 s × 0.05 °/s, with the time constant of `track`.
     assert!((2.0..3.0).contains(&aided.course.value()), "{}", aided.course.value());
     let gaps = flight_errors("levelling", "cruise?gnss=gaps", 1..=8);
     assert!(worse_axis(gaps.unaided) < 2.5);
@@ -172,7 +172,8 @@ fn levelling_without_receiver_keeps_bias_error() {
 fn unified_levelling_matches_levelling_unless_in_gaps() {
     let aided = flight_errors("levelling-unified", "cruise?gnss=always", 1..=8);
     assert!(worse_axis(aided.aided) < 0.5);
-    // The error is the time constant of the course times the gyro bias: 50 s times 0.05 °/s.
+    // The error is time constant × gyro bias = 50 s × 0.05 °/s, with the time constant of the
+    // course.
     assert!((2.0..3.0).contains(&aided.heading.value()), "{}", aided.heading.value());
     let gaps = flight_errors("levelling-unified", "cruise?gnss=gaps", 1..=8);
     let printed = flight_errors("levelling", "cruise?gnss=gaps", 1..=8);
@@ -244,7 +245,7 @@ fn levelling_pi_cold_without_receiver_matches_levelling() {
     assert!(worse_axis(pi.unaided) <= worse_axis(printed.unaided) * 1.05);
 }
 
-/// Flies for a day at 10 Hz; the last two hours are scored.
+/// Flies for a day at 10 Hz and scores the last two hours.
 #[test]
 #[ignore = "long: three days of flight"]
 fn levelling_error_does_not_grow_over_a_day() {
@@ -326,7 +327,7 @@ fn first_track_sets_heading_and_is_announced() {
         let error_rad = wrapped_rad(fused.attitude.angles().yaw_rad - reading.truth.attitude.angles().yaw_rad);
         assert!(!is_true || error_rad.abs() < 0.05);
     }
-    // The first sample sets the level, the second fix sets the course.
+    // The first sample sets the level, and the second fix sets the course.
     assert!(matches!(aligned[..], [(0.0, false, false), (t_s, true, true)] if (t_s - 0.3).abs() < 1e-9), "{aligned:?}");
 }
 
@@ -392,8 +393,8 @@ fn record_with_negative_variance_or_time_is_rejected() {
                 stage.restore(&damaged).is_err()
             })
             .count();
-        // A value of −1000 is rejected only for a number with a fixed sign or a bound. This applies
-        // to the attitude, times, variances and the intervals in the ring buffer.
+        // A value of −1000 is rejected only if the number must not be negative or has a bound. Such
+        // numbers are the attitude, times, variances and the intervals in the ring buffer.
         let min_rejected = match fuser {
             "levelling" => 7,
             "levelling-unified" => 14,

@@ -108,7 +108,7 @@ fn run(name: &str, samples: &[Sample], magnetic: bool, mut observe: impl FnMut(f
     }
 }
 
-/// Largest values of a run, degrees, each with the time at which it occurred, s.
+/// Largest values of a run in degrees, each with the time in seconds at which it occurred.
 #[derive(Debug, Clone, Copy, Default)]
 struct Worst {
     /// Rotation in a tick in excess of the rotation measured by the gyro.

@@ -12,7 +12,7 @@ use attitude::{
 };
 use scenario::Scenario;
 
-/// Fusers that subtract the bias from the rate, with the largest accepted bias error, °/s.
+/// Fusers that subtract the bias from the rate, with the largest accepted bias error in °/s.
 ///
 /// `vqf` has a higher limit, because it assumes the same bias uncertainty as on a cold start, even
 /// if the bias comes from an earlier run.

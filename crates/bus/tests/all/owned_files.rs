@@ -156,7 +156,7 @@ fn unused_files_of_other_users_do_no_harm_and_are_kept() {
         return;
     }
     let name = Name::new();
-    // An empty segment of this user would mean that its creator was killed.
+    // The segment is empty. If it belonged to this user, its creator would be assumed to be killed.
     let [segment, folder, link] = [".0123.data", ".folder", ".0123.connection"].map(|end| name.path(end));
     fs::write(&segment, "").unwrap();
     fs::create_dir(&folder).unwrap();

@@ -55,8 +55,8 @@ const MIN_SIGNIFICANCE: f64 = 2.0;
 const UPPER_LIMIT: f64 = 1.645;
 /// Number of iterations for computing an upper limit.
 const LIMIT_REPETITIONS: usize = 3;
-/// Maximum number of times that the duration of the recording is doubled. The search ends when the
-/// duration determines a coefficient.
+/// Maximum number of doublings of the recording. They are tried in turn, until the recording would
+/// be long enough to determine a coefficient.
 const MAX_DOUBLINGS: u32 = 6;
 /// Limit for the misfit of the model.
 ///
@@ -66,7 +66,7 @@ const MAX_MISFIT: f64 = 4.0;
 /// Maximum number of motions that a message lists.
 const MAX_LISTED: usize = 5;
 
-/// Collects readings for the noise of a unit.
+/// Collects readings and computes the noise of a unit from them.
 #[derive(Debug, Clone, Default)]
 pub struct NoiseCalibrator {
     intake: Intake,
@@ -345,7 +345,7 @@ impl<'a> Series<'a> {
     }
 }
 
-/// Standard deviations that longer recordings would have.
+/// Predicted standard deviations of the coefficients for longer recordings.
 struct Forecast {
     /// Total duration of the rests, s.
     total_s: f64,
@@ -359,7 +359,8 @@ impl Forecast {
         Self { total_s: series.rests_s.iter().sum(), interval_s: series.interval_s, doublings: Vec::new() }
     }
 
-    /// Returns the duration of a rest that would determine the coefficient with this index, min.
+    /// Returns the duration, in minutes, of a rest that would determine the coefficient with this
+    /// index.
     ///
     /// Returns `None` if even the longest rest would not determine it.
     fn needed_min(&mut self, coefficients: &Coefficients, index: usize) -> Option<f64> {

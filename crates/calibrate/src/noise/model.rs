@@ -22,7 +22,7 @@ const STEP: f64 = 0.5;
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Fit {
     pub(super) coefficients: Coefficients,
-    /// Standard deviations of the coefficients if none of them were bounded.
+    /// Standard deviations that the coefficients would have if they could be negative.
     pub(super) sds: Coefficients,
     /// Sum of the squared normalised residuals.
     pub(super) chi_square: f64,
@@ -90,7 +90,7 @@ pub(super) fn expected_sds(
 struct Equations {
     rows: Vec<SVector<f64, TYPES>>,
     values: Vec<f64>,
-    /// Unit of each coefficient, in which the largest contribution to a variance is 1.
+    /// Unit of each coefficient, chosen so that the largest contribution to a variance is 1.
     units: Coefficients,
 }
 

@@ -57,7 +57,8 @@ pub struct AxisNoise {
     pub axis: &'static str,
     /// Angle random walk, °/√s, or velocity random walk, m/s/√s.
     pub random_walk: Estimate,
-    /// Bias instability, °/s or m/s². The flat part of the Allan deviations is 0.664 times as high.
+    /// Bias instability, °/s or m/s². In its flat part, the Allan deviation is 0.664 times this
+    /// value.
     pub bias_instability: Estimate,
     /// Rate random walk, °/s/√s, or acceleration random walk, m/s²/√s.
     pub bias_walk: Estimate,
@@ -83,7 +84,8 @@ pub enum Estimate {
     NotDetermined {
         /// Upper limit at a confidence of 95 %.
         below: f64,
-        /// Duration of a rest that would determine a coefficient as large as the limit, min.
+        /// Duration, in minutes, of a rest that would determine a coefficient as large as the
+        /// limit.
         ///
         /// `None` if the duration is more than 64 times that of this recording.
         needs_min: Option<f64>,

@@ -52,7 +52,8 @@ struct Limits {
     mean: f64,
 }
 
-/// Limits of the gyro, rad/s. Above a mean of 0.02 rad/s relative to the start, the unit turns.
+/// Limits of the gyro, rad/s. If the mean rate differs from that at the start of the rest by more
+/// than 0.02 rad/s, the unit turns.
 const GYRO: Limits = Limits { sd: (2e-4, 0.06), step: (3e-4, 0.003), turn: 0.02, mean: 0.35 };
 /// Limits of the accelerometer, m/s². A tilt of 2° changes the mean by 0.3 m/s².
 const ACCEL: Limits = Limits { sd: (2e-3, 0.6), step: (3e-3, 0.05), turn: 0.3, mean: f64::INFINITY };
@@ -225,8 +226,8 @@ impl AxisLimits {
     }
 }
 
-/// Groups the readings into blocks of equal number. The last readings before a gap are not used if
-/// they do not fill a block.
+/// Groups the readings into blocks with the same number of readings. The last readings before a gap
+/// are not used if they do not fill a block.
 fn blocks(rows: &[Row], median_s: f64) -> Vec<Block> {
     let (count, gap_s) = (block_count(median_s), min_gap_s(median_s));
     let mut blocks: Vec<Block> = Vec::new();

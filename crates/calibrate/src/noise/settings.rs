@@ -4,7 +4,7 @@ use attitude::{fuser::Fuser, parameters::Parameter, stage::Stage as _};
 
 use super::report::{Estimate, Selector, SensorNoise};
 
-/// Rule by which a parameter follows from the measured noise.
+/// Rule that sets a parameter from the measured noise.
 enum Rule {
     /// The parameter is set to the measured value. The value must be determined on all axes.
     Measured,

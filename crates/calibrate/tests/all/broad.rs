@@ -69,8 +69,8 @@ fn distorted(readings: &[Reading], errors: &Errors) -> Vec<Reading> {
     readings.iter().map(distort).collect()
 }
 
-/// Returns the root mean square total error of the default fuser with `block` as launch file,
-/// degrees.
+/// Returns the root mean square total error, in degrees, of the default fuser with `block` as
+/// launch file.
 fn score_deg(trial: &Trial, readings: &[Reading], block: &str) -> f64 {
     let mut launch = Launch::parse("launch.toml", block).unwrap_or_else(|error| panic!("{block}\n{error}"));
     launch.ingest.source = Source::Replay;

@@ -49,7 +49,7 @@ fn fourier(values: &mut [(f64, f64)]) {
 /// Returns two independent signals of flicker noise with the power spectral density B²/(2πf) and
 /// B = 1.
 fn flicker(count: usize, noise: &mut Noise) -> Vec<(f64, f64)> {
-    // The signal is periodic. To hide the period, a longer signal is generated and cut off.
+    // The signal is periodic. To hide the period, a longer signal is generated and truncated.
     let n = (3 * count).next_power_of_two();
     let mut spectrum: Vec<_> = (0..n)
         .map(|k| {
@@ -311,7 +311,7 @@ fn parameters_follow_for_the_fuser() {
         let report = calibrator.finish(stage).unwrap();
         assert!(report.block.is_empty() && report.to_string().contains(words), "{report}");
     }
-    // Values below the defaults replace only the white noise.
+    // Measured values below the defaults are used only for the white noise.
     let quiet = measure(&resting(3600.0, &[0.005, 0.0005, 3e-4], &[0.002, 0.0001, 1e-5], 12)).unwrap();
     let names: Vec<_> = launch(&quiet.block).fuser.set.into_keys().collect();
     assert_eq!(names, ["accel_noise_m_s_sqrt_s", "gyro_noise_deg_sqrt_s"]);

@@ -181,7 +181,7 @@ enum Force {
     Missing,
 }
 
-/// Splitter of the byte stream of one device into records.
+/// Splits the byte stream of one device into records.
 #[derive(Debug, Clone)]
 struct RecordBuffer {
     layout: Layout,

@@ -249,7 +249,7 @@ fn is_rotation(&[a, b, c]: &[[f64; 3]; 3]) -> bool {
         && [dot(a, b), dot(b, c), dot(c, a)].into_iter().all(|found| is_near(found, 0.0))
 }
 
-/// Reads the number from the first existing file.
+/// Reads the number from the first of the files `names` that exists. Returns `None` if none exists.
 fn first_number(device: &Path, names: &[String]) -> Result<Option<f64>, IioError> {
     let Some(path) = names.iter().map(|name| device.join(name)).find(|path| path.exists()) else { return Ok(None) };
     let text = read_text(&path)?;

@@ -143,11 +143,11 @@ pub enum FixMessage {
 /// Units of the numbers in RAW_IMU. ArduPilot sends mrad/s, mg and mgauss.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct RawScale {
-    /// Rate for the number 1, rad/s.
+    /// Rate represented by the number 1, rad/s.
     pub rate_rad_s: f64,
-    /// Specific force for the number 1, m/s².
+    /// Specific force represented by the number 1, m/s².
     pub force_m_s2: f64,
-    /// Magnetic field for the number 1, µT.
+    /// Magnetic field represented by the number 1, µT.
     pub field_ut: f64,
 }
 
@@ -198,8 +198,8 @@ impl Mavlink {
             if chosen.is_some_and(|chosen| chosen.message != message) {
                 return true;
             }
-            // A message with only a magnetic field does not show that the sender also sends rate
-            // and force.
+            // A message with only a magnetic field does not choose its sender, which may not send
+            // rate and force.
             if matches!(measurement.value, Value::Imu { .. }) {
                 let Header { system, component, .. } = *header;
                 self.choice.confirm(ImuSender { system, component, message }, self.now);

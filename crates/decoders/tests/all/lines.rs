@@ -69,7 +69,7 @@ fn columns_without_header_come_from_settings() {
         read(&settings, "7 1 2 3 4 5\n0 0 0 0 0 9.8\n\n# remark\n0 0 0\n1 2 3 4 5 x\n1 2 3 4 5 6\r\n");
     let (rate, force) = ([1.0, 2.0, 3.0], [4.0, 5.0, 6.0]);
     assert_eq!(found, [imu(None, [0.0; 3], [0.0, 0.0, 9.8], None), imu(None, rate, force, None)]);
-    // The first line may lack its beginning.
+    // The first line may lack its beginning, so it is rejected although it is valid here.
     assert_eq!(counts, Counts { frames: 4, rejected: 2, skipped_bytes: 12 + 6 + 12, foreign: 0 });
 }
 
@@ -144,7 +144,8 @@ fn lines_may_end_with_carriage_returns() {
     let (expected, counts) = read(&LineSettings::default(), text);
     assert_eq!(expected.len(), 3);
     assert_eq!(read(&LineSettings::default(), &text.replace('\n', "\r\n")), (expected.clone(), counts));
-    // The last line ends when the next one starts.
+    // A final carriage return may be followed by a newline, so the last line ends only at the next
+    // byte.
     let (found, _) = read(&LineSettings::default(), &format!("{}4", text.replace('\n', "\r")));
     assert_eq!(found, expected);
 }

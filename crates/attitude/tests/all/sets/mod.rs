@@ -35,7 +35,7 @@ fn scores_of(recordings: &[Recording]) -> Vec<[Scores; STAGES.len()]> {
 /// Asserts that the normalised errors of a set, or of all sets, are within limits.
 fn assert_honest(name: &str, scores: &SetScores, limits: core::ops::RangeInclusive<f64>) {
     let ratios = scores.inclination_ratios.into_iter().chain(scores.heading_ratios);
-    // Without a magnetometer there is no heading error.
+    // Without a magnetometer there is no heading error, so its ratio is NaN.
     let dishonest = ratios.filter(|ratio| !ratio.is_nan()).find(|ratio| !limits.contains(ratio));
     assert_eq!(dishonest, None, "{name}: {scores}");
 }
@@ -76,7 +76,7 @@ fn default_fuser_on_open_sets() {
     assert_eq!(worse, Vec::<String>::new(), "worse than VQF by more than 0.3° and 15 %");
 }
 
-/// Adds a gyro bias to the recordings of a set, °/s.
+/// Adds a gyro bias in °/s to each recording of a set.
 fn with_bias(set: &str, bias_deg_s: [f64; 3]) -> Option<Vec<Recording>> {
     let biased = recordings()?.iter().filter(|recording| SETS[recording.set].name == set).map(|recording| {
         let mut rows = recording.rows.clone();
@@ -115,8 +115,8 @@ fn large_gyro_bias_is_found() {
 /// Time by which a bias must be found in motion, s.
 const FOUND_S: f64 = 60.0;
 
-/// With a magnetometer, a large bias is also found about the vertical. The remaining error depends
-/// on the disturbances of the field, so the test checks the median of the recordings.
+/// With a magnetometer, a large bias about the vertical axis is also found. The remaining error
+/// depends on the magnetic disturbances, so the test checks the median over the recordings.
 #[::recorded::test]
 fn large_bias_in_motion_is_found_within_60_s() {
     for bias_deg_s in [[10.0, 10.0, -10.0], [-10.0, -10.0, 10.0], [10.0, -10.0, -10.0], [-10.0, 10.0, -10.0]] {

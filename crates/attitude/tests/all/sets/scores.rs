@@ -65,7 +65,7 @@ struct AttitudeError {
     total_rad: f64,
 }
 
-/// Returns the error against the reference of a row.
+/// Returns the error of an output relative to the reference of a row.
 ///
 /// Returns `None` if the row has no reference or is not scored.
 fn error(out: &Fused, row: &Row) -> Option<AttitudeError> {
