@@ -48,8 +48,8 @@ const MAX_OTHER_SUBSCRIPTIONS: usize = 7 + MAX_OBSERVERS;
 /// A subscriber also keeps the unread messages of publishers that have exited, up to this number.
 pub(crate) const MAX_SERVICE_PORTS: usize = 24;
 const MAX_NODES: usize = 40 + 2 * MAX_OBSERVERS;
-/// Length of each piece into which the layout text is split, bytes. Each piece becomes an attribute
-/// of the topic. iceoryx2 stores eight attributes of 256 bytes.
+/// Length in bytes of each piece into which the layout text is split. Each piece becomes an
+/// attribute of the topic. iceoryx2 stores eight attributes of 256 bytes.
 const LAYOUT_CHUNK_BYTES: usize = 250;
 /// Element of a payload. A 64-bit processor reads aligned numbers in one access. Slices of aligned
 /// bytes would occupy eight times the memory, because iceoryx2 then aligns every byte.

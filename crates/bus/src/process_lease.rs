@@ -11,8 +11,8 @@ use std::{
 
 use crate::{BusError, SystemName, shared_state::SharedState};
 
-/// Timeout for other services to exit before leftovers of a killed owner are removed. It is longer
-/// than the one second after which a hanging service is killed.
+/// Timeout for other services to exit before leftovers of a killed owner are removed. A hanging
+/// service is killed after one second, so it has exited by then.
 const MEMBERS_EXIT_TIMEOUT: Duration = Duration::from_secs(2);
 
 /// Shared state of the system, and the lock that marks this process as a member.

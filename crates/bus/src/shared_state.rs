@@ -40,7 +40,7 @@ pub(crate) struct WakeWord {
 #[repr(C)]
 struct Layout {
     owner_pid: AtomicU32,
-    /// Start time of the run, CLOCK_MONOTONIC, ns. It identifies the run.
+    /// Start time of the run on CLOCK_MONOTONIC, ns. It identifies the run.
     run: AtomicU64,
     words: [WakeWord; WORD_COUNT],
 }

@@ -55,12 +55,12 @@ pub struct ClockCalibrator {
     mag: Calibration,
     history: AttitudeHistory,
     fields: Vec<FieldSample>,
-    /// Start of the current window, ns, and the rate at its start, rad/s.
+    /// Start time of the current window in ns, and the rate at its start in rad/s.
     window: Option<(i64, Vector3<f64>)>,
     informative_s: f64,
 }
 
-/// Magnetometer sample: time, ns, and magnetic field, µT, sensor axes.
+/// Magnetometer sample: time in ns, and magnetic field in sensor axes in µT.
 type FieldSample = (i64, Vector3<f64>);
 
 /// Delay, s; hard iron, µT (3); gyro bias, rad/s (3).

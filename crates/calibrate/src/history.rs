@@ -1,4 +1,5 @@
-//! Attitude at any time of a recording, integrated from the gyro relative to an arbitrary start.
+//! Attitude at any time of a recording, integrated from the gyro and relative to the start of a
+//! gap-free segment.
 //!
 //! The integration is open loop, so only differences over up to about a second are accurate.
 

@@ -113,7 +113,7 @@ impl Calibrator {
         }
     }
 
-    /// Returns the latest specific force, m/s², or magnetic field, µT, in sensor axes.
+    /// Returns the most recent specific force (m/s²) or magnetic field (µT) in sensor axes.
     ///
     /// The result is `None` if the calibration does not depend on directions or there is no
     /// reading.

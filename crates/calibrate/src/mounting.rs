@@ -170,8 +170,8 @@ fn is_pair(level: &Rest, nose_down: &Rest) -> bool {
     (min..=max).contains(&degrees_between(&level.force_m_s2(), &nose_down.force_m_s2()))
 }
 
-/// Returns `false` if the poses are no pair, or if only the later pose has an axis of the unit near
-/// the vertical.
+/// Returns `false` if the poses are not a pair, or if only the later pose has an axis of the unit
+/// near the vertical.
 ///
 /// Most units are mounted with such an axis in the level pose. If only the later pose has one, the
 /// earlier pose is probably nose-down, and the later pose is the level one.

@@ -108,7 +108,7 @@ impl fmt::Display for Report {
     }
 }
 
-/// Formats a value. The number of decimals is such that the largest standard deviation has two
+/// Formats a value. The number of decimals is chosen so that the largest standard deviation has two
 /// significant digits.
 fn format_value(value: f64, sd: &[f64]) -> String {
     let largest = sd.iter().copied().fold(0.0, f64::max);

@@ -82,7 +82,7 @@ pub enum Value {
         rate_rad_s: [f64; 3],
         /// Specific force, m/s².
         force_m_s2: [f64; 3],
-        /// Magnetic field at the same instant, µT, if present.
+        /// Magnetic field at the same instant in µT, if present.
         field_ut: Option<[f64; 3]>,
     },
     /// Magnetic field sent separately from rate and force, µT.

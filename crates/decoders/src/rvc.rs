@@ -92,7 +92,7 @@ impl Attitude {
         Self(product(product(about_z, about_x), about_y))
     }
 
-    /// Returns the rotation vector from this attitude to `later`, rad, in the chip's axes.
+    /// Returns the rotation vector from this attitude to `later` in the chip's axes, rad.
     fn rotation_to(self, later: Self) -> [f64; 3] {
         let [w, x, y, z] = self.0;
         let [w, x, y, z] = product([w, -x, -y, -z], later.0);

@@ -54,8 +54,8 @@ pub struct Ranges {
     pub force_g: f64,
     /// Range of the gyro, °/s.
     pub rate_deg_s: f64,
-    /// Magnetic field of one magnetometer unit, µT, or `None` to ignore the magnetometer. WitMotion
-    /// specifies 1 mG (0.1 µT) for newer models and no unit for older ones.
+    /// Magnetic field in µT that one magnetometer unit represents. `None` ignores the magnetometer.
+    /// WitMotion specifies 1 mG (0.1 µT) for newer models and no unit for older ones.
     pub field_ut: Option<f64>,
 }
 

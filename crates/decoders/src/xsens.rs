@@ -35,8 +35,8 @@ const EXTENDED_LENGTH: u8 = 0xff;
 const MAX_LENGTH_BYTES: usize = 2048;
 const COUNTS_PER_S: u64 = 10_000;
 const NS_PER_COUNT: u64 = 1_000_000_000 / COUNTS_PER_S;
-/// Magnetic field strength of one arbitrary unit, µT: 0.49 gauss, as at Xsens's calibration site
-/// (Xsens knowledge base).
+/// Magnetic field strength in µT that one arbitrary unit of Xsens represents. It is 0.49 gauss, the
+/// field strength at Xsens's calibration site (Xsens knowledge base).
 pub const FIELD_UT: f64 = 49.0;
 
 const SAMPLE_TIME_FINE: u16 = 0x1060;
@@ -53,8 +53,8 @@ pub struct Xsens {
 }
 
 impl Xsens {
-    /// Creates the format of a device. `field_ut` is the magnetic field strength of one
-    /// magnetometer unit, µT, usually [`FIELD_UT`].
+    /// Creates the format of a device. `field_ut` is the magnetic field strength in µT that one
+    /// magnetometer unit represents, usually [`FIELD_UT`].
     pub fn new(field_ut: f64) -> Self {
         Self { field_ut }
     }

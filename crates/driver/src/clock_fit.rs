@@ -126,7 +126,8 @@ impl ClockFit {
         Self { interval_ns: Some((1e9 / rate_hz) as u64).filter(|interval_ns| *interval_ns > 0), ..Self::default() }
     }
 
-    /// Returns the time of a sample on the host's clock, ns, always later than the previous one.
+    /// Returns the time of a sample on the host's clock, ns. It is always later than the time of
+    /// the previous sample.
     ///
     /// If there is neither a timestamp nor a rate yet, the result is the arrival time.
     pub fn push(&mut self, stamp: Option<Stamp>, arrival_ns: i64) -> i64 {
@@ -253,7 +254,7 @@ impl ClockFit {
 }
 
 impl Line {
-    /// Converts a device time to host time, ns, with the fitted line.
+    /// Converts a device time to host time with the fitted line. Both times are in ns.
     fn host_time_ns(&self, device_ns: i64) -> i64 {
         let device_ns = device_ns.saturating_sub(self.origin.device_ns) as f64;
         let arrival_ns = self.mean_arrival_ns + self.slope * (device_ns - self.mean_device_ns);

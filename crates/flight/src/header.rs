@@ -65,13 +65,14 @@ impl FlightHeader {
     }
 }
 
-/// Returns the current time on CLOCK_REALTIME, ns, computed with the clock offset of the recording.
+/// Returns the current time on CLOCK_REALTIME in ns, computed with the clock offset of the
+/// recording.
 pub(crate) fn now_ns(clocks: Clocks) -> u64 {
     runtime::clock::monotonic_ns().saturating_add_signed(clocks.offset_ns)
 }
 
-/// Formats a Unix time, s. The separators are used within the date, between date and time, and
-/// within the time.
+/// Formats a Unix time in seconds. The separators are used within the date, between date and time,
+/// and within the time.
 pub(crate) fn utc(unix_s: i64, [date, middle, clock]: [&str; 3]) -> String {
     let time = OffsetDateTime::from_unix_timestamp(unix_s).unwrap_or(OffsetDateTime::UNIX_EPOCH);
     let (year, month, day) = (time.year(), u8::from(time.month()), time.day());

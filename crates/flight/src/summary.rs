@@ -38,7 +38,7 @@ pub struct TopicSummary {
 }
 
 impl RecordingSummary {
-    /// Reports missed messages, if any, as the error, unless there is another error.
+    /// Sets the error to a report of the missed messages, if any, unless there is another error.
     pub(crate) fn with_missed_error(mut self) -> Self {
         if self.error.is_none() && self.missed > 0 {
             let missed = FlightError::MissedMessages { path: self.file.clone(), missed: self.missed };

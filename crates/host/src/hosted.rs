@@ -142,8 +142,8 @@ impl<B> HostedStage<B> {
         self.child.borrow().as_ref().map(Child::pid)
     }
 
-    /// Returns the CPU time of all threads of the program so far, ns. Returns `None` if the process
-    /// could not be started or the kernel does not report the time.
+    /// Returns the CPU time in ns that all threads of the program have used so far. Returns `None`
+    /// if the process could not be started or the kernel does not report the time.
     pub fn cpu_ns(&self) -> Option<f64> {
         let threads = fs::read_dir(format!("/proc/{}/task", self.pid()?)).ok()?;
         let cpu_ns = |thread: fs::DirEntry| -> Option<f64> {

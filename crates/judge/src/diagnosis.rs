@@ -251,7 +251,7 @@ pub(crate) fn field_unit(median_ut: f64) -> Option<Diagnosis> {
 pub(crate) fn rejected_fields(count: u64) -> Diagnosis {
     let evidence =
         format!("{count} samples of the magnetic field were rejected: at or beyond field_max_ut, or not finite");
-    // If a ROS topic uses another unit than tesla, its magnetic field exceeds the limit.
+    // If a ROS topic uses a unit other than tesla, its magnetic field exceeds the limit.
     let causes = vec![
         cause("fields in nT", unit_remedy("mag", 1e-3, "nT")),
         cause("fields in gauss on a ROS topic, whose unit is tesla", unit_remedy("mag", 1e-4, "gauss")),

@@ -43,19 +43,19 @@ const EVALUATION_INTERVAL_S: f64 = 2.0;
 /// Minimum number of samples for an evaluation, both in total and since the previous evaluation.
 /// The 10 % quantile needs that many.
 const MIN_EVALUATION_SAMPLES: u64 = 100;
-/// Minimum number of samples before the first evaluation. It is needed because a few samples appear
-/// to span seconds if their times are in a wrong unit.
+/// Minimum number of samples before the first evaluation. If the times of the samples are in a
+/// wrong unit, a few samples may appear to span the evaluation interval.
 const MIN_INITIAL_SAMPLES: u64 = 200;
-/// Amount of usable motion after which the check ends, s: thirty windows, ten times what a
-/// diagnosis needs.
+/// Duration of usable motion after which the check ends, s. It is thirty windows, ten times as many
+/// as a diagnosis needs.
 const SUFFICIENT_MOTION_S: f64 = 60.0;
 /// Time after which the check ends even without motion, s.
 const MAX_SPAN_S: f64 = 120.0;
 /// Number of samples after which the check ends, regardless of their timestamps: one minute at 8
 /// kHz.
 const MAX_SAMPLES: u64 = 500_000;
-/// Largest magnitude of a vector component for its sample to be checked. The square and the
-/// products of such squares stay finite.
+/// Largest magnitude of a vector component for its sample to be checked. Squares of such components
+/// and products of these squares are finite.
 const SQUARE_SAFE_MAX: f64 = 1e9;
 /// Minimum number of clipped rates for a diagnosis. Throwing the body causes only a few.
 const MIN_CLIPPED_RATES: u64 = 50;

@@ -6,8 +6,8 @@ use attitude::GRAVITY_M_S2;
 use crate::diagnosis::{self, Diagnosis};
 
 /// Plausible median force, g. Steep turns reach 2 to 3 g for half a minute, and no crewed or winged
-/// vehicle sustains 5 g. Confusing g and m/s² changes the force by a factor of 9.8, which takes it
-/// out of the range.
+/// vehicle sustains 5 g. Confusing g and m/s² changes the force by a factor of 9.8, so it is out of
+/// this range.
 const PLAUSIBLE_FORCE_G: std::ops::Range<f64> = 0.5..5.0;
 /// Plausible median magnetic field, µT. The Earth's field is 22 to 67 µT. Uncalibrated vehicle iron
 /// can remove two thirds of it or add three times as much.

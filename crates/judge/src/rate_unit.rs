@@ -26,10 +26,10 @@ const MIN_ROTATION_RAD: f64 = 1.0;
 /// in °/s instead of rad/s, the ratio is 1/57, plus the effect of accelerations.
 const MAX_FORCE_SHARE: f64 = 0.1;
 /// Minimum number of mismatches for a diagnosis. A few mismatches occur even with the right unit:
-/// if a body swings back within a window, the force shows less rotation than the body made.
+/// if a body swings back within a window, the force appears to rotate less than the body did.
 const MIN_MISMATCHES: u32 = 5;
 /// Minimum share of mismatches among the windows with at least [`MIN_ROTATION_RAD`]. With a wrong
-/// unit nearly all of these windows mismatch, with the right one only a few.
+/// unit nearly all of these windows mismatch. With the right unit only a few do.
 const MIN_MISMATCH_SHARE: f64 = 0.8;
 
 /// Comparison of the rotation measured by the gyro with the rotation of the force.

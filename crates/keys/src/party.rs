@@ -122,7 +122,7 @@ impl FromStr for Host {
             !label.is_empty() && !label.starts_with('-') && label.chars().all(|c| c.is_ascii_alphanumeric() || c == '-')
         };
         let is_name = text.len() <= MAX_HOST && text.split('.').all(label);
-        // An IPv4 address also matches the form of a host name.
+        // This check also accepts IPv4 addresses.
         if is_name {
             Ok(Self(text.into()))
         } else if text.parse::<Ipv6Addr>().is_ok() {

@@ -30,7 +30,7 @@ pub struct SectionDescription {
 /// Description of a key.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct KeyDescription {
-    /// Name of the key, ending in the unit.
+    /// Name of the key. A unit is the last part of the name.
     pub name: String,
     /// Default in TOML. `None` if the key is not set by default.
     pub default: Option<String>,

@@ -49,7 +49,8 @@ pub enum EditError {
 
 /// Replaces the sections of `block`, which is TOML, in a launch file. All other text is kept.
 ///
-/// The file is replaced atomically, and created if it does not exist. A symbolic link remains.
+/// The file is replaced atomically, and created if it does not exist. If `path` is a symbolic link,
+/// its target is replaced and the link is kept.
 ///
 /// # Errors
 ///

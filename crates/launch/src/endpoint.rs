@@ -1,5 +1,5 @@
-//! Security of the gateway's endpoints. Those outside the loopback need mutual TLS or a known
-//! tunnel.
+//! Security of the gateway's endpoints. Endpoints outside the loopback interface need mutual TLS or
+//! a listed tunnel.
 
 use std::{
     net::{IpAddr, Ipv4Addr},
@@ -25,15 +25,15 @@ pub(crate) fn check_endpoints(section: &mut Section<'_, '_>) {
     check(section, "connect", &connect_security);
 }
 
-/// Security settings for endpoints outside the loopback.
+/// Security settings for endpoints outside the loopback interface.
 struct Security<'t> {
     tls: bool,
     access: bool,
     tunnels: &'t [Network],
 }
 
-/// Checks endpoints. Outside the loopback, any host could eavesdrop or impersonate another, so only
-/// mutual TLS and the listed tunnels are allowed.
+/// Checks endpoints. Outside the loopback interface, any host could eavesdrop or impersonate
+/// another host, so only mutual TLS and the listed tunnels are allowed.
 fn check(section: &mut Section<'_, '_>, key: &'static str, security: &Security<'_>) {
     let mut problems = Vec::new();
     for endpoint in section.elements(key).iter().filter(|_| section.are_valid(&[key])) {

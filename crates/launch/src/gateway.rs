@@ -29,8 +29,8 @@ keys! {
         /// Maximum message rate of a topic. Several samples of a faster topic are combined into one
         /// message. Samples of a slower topic are sent without delay.
         messages_hz: f64 = 200.0, 20.0..=10_000.0, unit "Hz";
-        /// Rate at which each topic is sent, in Hz of the source's time. Topics that are not listed
-        /// are not sent.
+        /// Number of samples of each topic that are sent per second of the source's time. Topics
+        /// that are not listed are not sent.
         rates: BTreeMap<String, TopicRate> = default_rates(), Table(rates);
         /// Topics for slots on other hosts. Every tick is sent, and is sent again to hosts that
         /// missed it.

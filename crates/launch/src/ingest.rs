@@ -235,8 +235,8 @@ impl Ingest {
             .filter(|port| !matches!(port, Port::Serial { path, .. } if path.as_os_str().is_empty()))
     }
 
-    /// Returns the sample rate declared for the source, Hz, or `None` if none is declared. A
-    /// recording contains its own rate.
+    /// Returns the sample rate in Hz that is declared for the source, or `None` if none is
+    /// declared. A recording contains its own rate.
     pub fn declared_rate_hz(&self) -> Option<f64> {
         match self.source {
             Source::Sim => Some(self.sim.rate_hz),
@@ -246,8 +246,8 @@ impl Ingest {
         }
     }
 
-    /// Returns the sample rate for which buffers are made, Hz: the declared rate, or 1000 Hz if
-    /// none is declared.
+    /// Returns the sample rate in Hz for which buffers are made. It is the declared rate, or 1000
+    /// Hz if none is declared.
     pub fn nominal_rate_hz(&self) -> f64 {
         self.declared_rate_hz().unwrap_or(DEFAULT_RATE_HZ)
     }

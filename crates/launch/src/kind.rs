@@ -126,8 +126,8 @@ impl<T> Kind<T> for Text<T> {
     }
 }
 
-/// Returns the kind of a key that takes a string for which `accepts` returns a value. An empty
-/// default stands for a key that is not set.
+/// Returns the kind of a key that takes a string. A string is valid if `accepts` returns a value
+/// for it. An empty default stands for a key that is not set.
 pub(crate) const fn text(expected: &'static str, accepts: fn(&str) -> Option<String>) -> Text<String> {
     Text { expected, parse: accepts, show: |text| Some(text.clone()).filter(|text| !text.is_empty()) }
 }
@@ -299,7 +299,7 @@ impl<T> Kind<Vec<T>> for Tables<T> {
     }
 }
 
-/// Settings with keys in the enclosing table. The function reads them.
+/// Settings without a separate table. The function reads their keys from the enclosing table.
 pub(crate) struct Inline<T>(pub(crate) fn(&mut T, &mut Section<'_, '_>));
 
 impl<T> Kind<T> for Inline<T> {
@@ -308,7 +308,7 @@ impl<T> Kind<T> for Inline<T> {
     }
 }
 
-/// Key with allowed values that depend on other keys. The function reads it.
+/// Key that the function reads, because its allowed values depend on other keys.
 pub(crate) struct By<T>(pub(crate) fn(&mut Section<'_, '_>, Key, &mut T));
 
 impl<T> Kind<T> for By<T> {

@@ -168,7 +168,7 @@ impl Launch {
     pub(crate) fn add_drivers(&mut self) {
         self.services.retain(|service| *service != Service::Drivers);
         let Ingest { source, live, .. } = &self.ingest;
-        // Simulations and recordings have their own time and their own fixes.
+        // Simulations and recordings have their own time and fixes, so a receiver is not used.
         let has_receiver = live.receiver.port.is_some() && !source.is_repeatable();
         if (source.needs_drivers() || has_receiver) && self.services.contains(&Service::Ingest) {
             self.services.push(Service::Drivers);

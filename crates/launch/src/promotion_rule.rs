@@ -18,7 +18,8 @@ use crate::{
 const AFTER_S: std::ops::RangeInclusive<f64> = 0.1..=86_400.0;
 
 keys! {
-    /// Rule that promotes a shadow stage by its measured difference, and rolls it back.
+    /// Rule that promotes a shadow stage, or rolls the promotion back, based on the measured
+    /// difference.
     pub struct PromotionRule {
         /// Slot to which the rule applies.
         slot: Slot = Slot::Fuser, one_of(Slot::ALL.map(|slot| (slot.name(), slot)));

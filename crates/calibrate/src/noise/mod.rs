@@ -350,7 +350,7 @@ struct Forecast {
     /// Total duration of the rests, s.
     total_s: f64,
     interval_s: f64,
-    /// Intervals τ, s, and covariances for a rest that is 2, 4, 8 … times as long.
+    /// Intervals τ in seconds, and covariances, for a total duration 2, 4, 8 … times as long.
     doublings: Vec<(Vec<f64>, Covariances)>,
 }
 

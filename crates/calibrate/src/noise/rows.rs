@@ -7,7 +7,7 @@ pub(super) const AXES: usize = 6;
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Row {
     pub(super) t_ns: i64,
-    /// Rate, rad/s, and specific force, m/s².
+    /// Rate in rad/s and specific force in m/s².
     pub(super) values: [f64; AXES],
 }
 

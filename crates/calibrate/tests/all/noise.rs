@@ -161,8 +161,8 @@ fn intervals_contain_the_truth_as_often_as_stated() {
 
 #[test]
 fn noise_that_is_not_shown_has_an_upper_limit() {
-    // White noise with a small amount of the other noise types. Ten minutes of readings do not
-    // determine these.
+    // White noise with weak noise of the other types, which ten minutes of readings do not
+    // determine.
     let counts = count(600.0, &[0.01, 0.001, 1e-5], &[0.002, 0.0002, 2e-6], 20);
     let [white, flicker, walk] = counts;
     assert!(white.determined == white.all && white.within as f64 > 0.58 * white.all as f64, "{counts:?}");

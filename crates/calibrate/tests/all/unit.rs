@@ -6,7 +6,7 @@ use rand_chacha::{
     rand_core::{Rng, SeedableRng},
 };
 
-/// Local magnetic field, µT, east, north, up.
+/// Local magnetic field (east, north, up), µT.
 pub(crate) const FIELD_UT: [f64; 3] = [0.0, 20.0, -44.0];
 
 /// Source of random numbers.

@@ -20,8 +20,8 @@ use crate::{Counts, Measurement, Value};
 /// Maximum time for which a gyro record waits for a later force, ns. It is measured on the gyro's
 /// clock.
 pub const MAX_WAIT_NS: u64 = 200_000_000;
-/// Maximum interval between two forces for interpolation between them, ns. Otherwise the nearest
-/// force is used, if it is at most this far from the rate.
+/// Longest interval between two forces that are interpolated, ns. If the interval is longer, the
+/// nearest force is used, provided that it is at most this far from the rate.
 pub const MAX_GAP_NS: u64 = 100_000_000;
 /// Maximum number of queued records per device.
 const MAX_QUEUED_RECORDS: usize = 8192;

@@ -63,7 +63,7 @@ pub fn prepare(device: &Path, buffer_records: u32, rate_hz: Option<f64>) -> Resu
     let buffer = device.join("buffer");
     let buffer = if buffer.is_dir() { buffer } else { device.join("buffer0") };
     write(&buffer.join("enable"), "0")?;
-    // A driver may keep another clock, so the clock in effect is read back below.
+    // A driver may keep its previous clock, so the clock in effect is read back below.
     let clock = device.join("current_timestamp_clock");
     if clock.exists() {
         write(&clock, "monotonic")?;

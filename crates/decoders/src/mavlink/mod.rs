@@ -395,7 +395,7 @@ impl RawScale {
     }
 }
 
-/// Converts roll, pitch and yaw, rad, to a quaternion w, x, y, z.
+/// Converts roll, pitch and yaw in rad to a quaternion w, x, y, z.
 fn quaternion_of(angles_rad: [f64; 3]) -> [f64; 4] {
     let [(sr, cr), (sp, cp), (sy, cy)] = angles_rad.map(|angle_rad| (angle_rad / 2.0).sin_cos());
     [cr * cp * cy + sr * sp * sy, sr * cp * cy - cr * sp * sy, cr * sp * cy + sr * cp * sy, cr * cp * sy - sr * sp * cy]

@@ -1,5 +1,5 @@
-//! Garbage, partial frames, corrupted bytes and arbitrary chunks are counted, and no intact frame
-//! is lost.
+//! Damaged streams: garbage, partial frames and corrupted bytes are counted. No intact frame is
+//! lost, in whichever chunks the bytes arrive.
 
 use decoders::{Measurement, Value};
 use proptest::{prelude::*, test_runner::RngSeed};

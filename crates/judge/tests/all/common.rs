@@ -46,7 +46,7 @@ pub(crate) fn rate_hz(readings: &[Reading]) -> f64 {
     (readings.len() - 1) as f64 * 1e9 / span_ns as f64
 }
 
-/// Returns the diagnoses, each with the sample time at which it was made, s.
+/// Returns the diagnoses, each with the sample time in seconds at which it was made.
 pub(crate) fn diagnose(readings: impl IntoIterator<Item = Reading>, rate_hz: f64) -> Vec<(f64, Diagnosis)> {
     diagnose_with(readings, rate_hz, &Launch::default())
 }

@@ -9,8 +9,8 @@ use readings::source::Reading;
 
 use crate::common::{Change, INPUT_ERRORS, diagnose_with, readings, scaled};
 
-/// Issues with a remedy in the wiring, the driver or the order of the rows, so that there is no
-/// line to paste.
+/// Issues that are remedied in the wiring, the driver or the order of the rows. There is no line to
+/// paste.
 const WITHOUT_LINE: [InputIssue; 3] = [InputIssue::RateStuck, InputIssue::ForceStuck, InputIssue::FieldStuck];
 /// Lines in the source file `diagnosis.rs` that no test pastes, because they need a file or a
 /// device of the user.

@@ -78,7 +78,7 @@ fn error(out: &Fused, row: &Row) -> Option<AttitudeError> {
     })
 }
 
-/// RMSE of a stage on a recording, degrees, and its errors divided by their reported standard
+/// RMSE of a stage on a recording in degrees, and its errors divided by their reported standard
 /// deviations.
 #[derive(Debug, Clone, Default)]
 pub(super) struct Scores {
