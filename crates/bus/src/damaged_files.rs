@@ -1,7 +1,7 @@
 //! Detects damage to the permanent files of a running system, which new processes read to join.
 //!
-//! Every check reads a few kilobytes: the size of each file and its first bytes, which contain the
-//! format version, or the whole file if it is constant.
+//! Every check reads only a few kilobytes. It compares the size of each file and its first bytes,
+//! which contain the format version. A constant file is compared as a whole.
 
 use std::{
     collections::BTreeMap,

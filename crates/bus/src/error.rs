@@ -74,7 +74,7 @@ pub enum BusError {
     FilesRemoved {
         /// System name.
         name: String,
-        /// Processes of the system.
+        /// Process IDs of the system.
         pids: Vec<u32>,
     },
     /// The limit on open files is too low.
@@ -116,7 +116,7 @@ pub enum BusError {
     TooManyObservers {
         /// System name.
         name: String,
-        /// Observing processes of this user.
+        /// Process IDs of the observers that belong to this user.
         pids: Vec<u32>,
     },
     /// A process was killed while creating a segment, so the segment cannot be opened.
@@ -133,7 +133,8 @@ pub enum BusError {
         /// Topic name.
         topic: &'static str,
     },
-    /// The topic was created by a different version of the program, with another payload layout.
+    /// The topic was created by a different version of the program, with a different payload
+    /// layout.
     #[error(
         "opening the topic `{topic}`: the layout on the bus differs\n  here:  {here}\n  there: {there}\nrun a single version of plumb"
     )]

@@ -150,7 +150,8 @@ impl SystemName {
         }
     }
 
-    /// Returns the processes that still run although the files of their system were removed.
+    /// Returns the IDs of the processes that still run although the files of their system were
+    /// removed.
     fn processes_without_files(&self) -> Vec<u32> {
         let mut removed = self.members_path().into_os_string();
         removed.push(DELETED_SUFFIX);

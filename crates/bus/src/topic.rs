@@ -32,7 +32,7 @@ const FULL_DRAIN_INTERVAL: u32 = 16;
 /// during these calls.
 const FULL_DRAINS_AT_START: u32 = 64;
 
-/// Membership of a process in the bus of a system.
+/// Connection of a process to the bus of a system.
 #[derive(Debug)]
 pub struct Bus {
     node: Node<ipc::Service>,

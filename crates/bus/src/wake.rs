@@ -32,7 +32,7 @@ pub(crate) struct TopicWaker {
 pub enum WaitOutcome {
     /// A message was published since the last check.
     Published,
-    /// A message was published, but the wait timed out: the wake-up was lost.
+    /// A message was published, but the wait timed out, because the wake-up was lost.
     LateWake,
     /// No message was published before the timeout.
     Idle,

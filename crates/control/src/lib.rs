@@ -2,8 +2,8 @@
 //!
 //! Input: one line of JSON from each client.
 //!
-//! Output: one line of JSON per request. A request that takes time is first acknowledged with
-//! another line.
+//! Output: one line of JSON per request. A request that takes time is first acknowledged with a
+//! separate line.
 //!
 //! Time: a silent client does not delay other clients and is disconnected after a timeout.
 //!

@@ -44,8 +44,8 @@ use std::time::Duration;
 pub use framed::{Format, Framed};
 pub use sender_choice::{SENDER_TIMEOUT, SenderChoice};
 
-/// Standard deviation assumed for a velocity if its vertical component is not reported and is
-/// therefore set to 0, m/s.
+/// Standard deviation, in m/s, assumed for a velocity without a reported vertical component. This
+/// component is then set to 0.
 ///
 /// The value covers the vertical motion of ground vehicles and boats.
 pub const ASSUMED_VERTICAL_SD_M_S: f64 = 1.0;

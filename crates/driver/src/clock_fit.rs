@@ -109,7 +109,8 @@ struct Line {
 }
 
 impl ClockFit {
-    /// Creates a fit for a device with timestamps, or without timestamps at an unknown rate.
+    /// Creates a fit for a device with timestamps, or for one without timestamps and with an
+    /// unknown rate.
     ///
     /// If the samples have no timestamps, the rate is measured from the first samples, and then
     /// their count serves as the device's clock.

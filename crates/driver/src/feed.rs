@@ -1,5 +1,4 @@
-//! Publisher of an external program on a topic. It rejoins the system after the system has
-//! restarted.
+//! Publisher through which an external program publishes on a topic.
 
 use std::time::{Duration, Instant};
 

@@ -9,7 +9,7 @@
 //!
 //! Failure: the disk never blocks a live system. Messages lost because the queue or the disk is
 //! full are counted and reported, and the file ends with a complete chunk. If the process is
-//! killed, the file lacks its summary and at most the last half second.
+//! killed, the file lacks its summary and up to half a second of messages.
 //!
 //! | module | content |
 //! | --- | --- |

@@ -332,8 +332,8 @@ fn identifier(number: u32) -> io::Result<u16> {
 }
 
 fn compress(bytes: &[u8]) -> io::Result<Vec<u8>> {
-    // The checksum of the chunk covers its content, and some readers do not support block
-    // checksums.
+    // Block checksums are omitted, because some readers do not support them. The checksum of the
+    // chunk covers its content anyway.
     let checksum = lz4::liblz4::BlockChecksum::NoBlockChecksum;
     let mut encoder = lz4::EncoderBuilder::new().block_checksum(checksum).build(Vec::new())?;
     encoder.write_all(bytes)?;
@@ -435,7 +435,7 @@ mod tests {
     #[test]
     fn memory_does_not_grow_with_number_of_chunks() {
         if std::env::var_os(MEASURES).is_none() {
-            // In a separate process, no other test allocates at the same time.
+            // The memory is measured in a separate process, in which no other test allocates.
             let name = "mcap_file::tests::memory_does_not_grow_with_number_of_chunks";
             let mut command = std::process::Command::new(std::env::current_exe().unwrap());
             let output = command.args(["--exact", name, "--nocapture"]).env(MEASURES, "1").output().unwrap();

@@ -81,7 +81,7 @@ pub struct Recorder {
     failure: Arc<OnceLock<String>>,
 }
 
-/// Loss accounting for a topic.
+/// Counts of the lost messages of a topic.
 #[derive(Debug)]
 struct TopicIntake {
     fields: FieldOffsets,

@@ -143,7 +143,7 @@ impl Writer {
     }
 
     /// Returns the file, the duration of the flight in seconds, and the number of flushed messages
-    /// by topic. The file may also contain data that were not flushed, which are not counted.
+    /// by topic. Data that were not flushed are not counted, although the file may contain them.
     pub(crate) fn into_parts(self) -> (ChunkFile, f64, Vec<TopicSummary>) {
         let topics = self.channels.iter().map(|channel| TopicSummary {
             topic: channel.topic.name(),

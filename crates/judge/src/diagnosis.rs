@@ -209,7 +209,8 @@ pub(crate) fn force_magnitude(low: f64, median: f64, high: f64, is_steady: bool)
         // motion a wider range is needed, but a force without gravity can also be in that range.
         (0.85..1.2, _) if is_steady => (InputIssue::ForceUnit, vec![in_g]),
         (0.7..1.4, _) => (InputIssue::ForceUnit, vec![in_g, gravity_removed]),
-        // The long-term mean force on any body near the Earth is larger than 0.5 g.
+        // The long-term mean force on any body near the Earth is larger than 0.5 g. A smaller mean
+        // force indicates that gravity is missing or the scale is wrong.
         (_, ..0.5) => (
             InputIssue::GravityRemoved,
             vec![gravity_removed, cause("a wrong scale", scale_remedy("accel", per_g.recip()))],

@@ -51,7 +51,7 @@ impl Party {
     /// # Errors
     ///
     /// Returns [`KeysError::InvalidName`] unless the name is 1 to 32 characters of a-z, 0-9, - and
-    /// _. Such a name is one chunk of a key expression without special meaning.
+    /// _. Such a name is a single chunk of a key expression and has no special meaning there.
     pub fn new(role: Role, name: &str) -> Result<Self, KeysError> {
         let legal = |c: char| c.is_ascii_lowercase() || c.is_ascii_digit() || c == '-' || c == '_';
         if !(1..=MAX_NAME).contains(&name.len()) || !name.chars().all(legal) {

@@ -4,7 +4,7 @@
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Key {
     pub(crate) name: &'static str,
-    /// Meaning of the key, in whole sentences.
+    /// Meaning of the key, in complete sentences.
     pub(crate) doc: &'static str,
     /// Unit, empty for a dimensionless value.
     pub(crate) unit: &'static str,
@@ -21,7 +21,7 @@ pub struct SectionDescription {
     pub is_array: bool,
     /// `true` if a missing section stays unset instead of taking the defaults of its keys.
     pub is_optional: bool,
-    /// Meaning of the section, in whole sentences.
+    /// Meaning of the section, in complete sentences.
     pub doc: String,
     /// Keys in the order of their declaration.
     pub keys: Vec<KeyDescription>,
@@ -38,7 +38,7 @@ pub struct KeyDescription {
     pub allowed: String,
     /// Unit, empty for a dimensionless value.
     pub unit: &'static str,
-    /// Meaning of the key, in whole sentences.
+    /// Meaning of the key, in complete sentences.
     pub doc: String,
     /// Allowed names with their meanings, for a key with a fixed set of names. A meaning may be
     /// empty.

@@ -11,8 +11,8 @@ use crate::{keys::read, kind::Texts, problem::Problem, toml_reader::Section};
 /// Maximum number of endpoints per key.
 pub(crate) const MAX_ENDPOINTS: usize = 16;
 const MAX_TUNNELS: usize = 4;
-/// Shortest network prefix accepted for a tunnel. Shorter prefixes cover more than any private
-/// network.
+/// Shortest network prefix accepted for a tunnel. A shorter prefix covers more addresses than any
+/// private network.
 const MIN_PREFIX_BITS: u32 = 8;
 
 /// Checks the endpoints in `listen` and `connect`, and reads `tunnel`.

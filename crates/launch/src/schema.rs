@@ -67,7 +67,7 @@ impl Launch {
         Err(Problems { file_name: file_name.into(), text: text.into(), list })
     }
 
-    /// Reads every section and checks them against each other.
+    /// Reads all sections and checks them against each other.
     pub(crate) fn read_all(&mut self, section: &mut Section<'_, '_>) {
         self.read_keys(section);
         self.add_drivers();

@@ -130,7 +130,7 @@ fn covariance(a_s: f64, b_s: f64, rests_s: &[f64]) -> [[f64; TYPES]; TYPES] {
 
 /// Returns the covariances of two second differences, over `a_s` and `b_s`.
 ///
-/// There is one covariance for each noise type, with the coefficient 1. The first difference starts
+/// There is one covariance per noise type, for a coefficient of 1. The first difference starts
 /// `lag_s` after the second.
 fn difference_covariances(a_s: f64, b_s: f64, lag_s: f64) -> [f64; TYPES] {
     const WEIGHTS: [(f64, f64); 3] = [(0.0, 1.0), (1.0, -2.0), (2.0, 1.0)];

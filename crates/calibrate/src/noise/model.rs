@@ -12,7 +12,7 @@ use super::allan::{Coefficients, Covariances, TYPES};
 
 /// Maximum number of repetitions of the fit.
 const MAX_REPETITIONS: usize = 100;
-/// Relative change of the coefficients at which the fit has converged.
+/// Relative change of the coefficients below which the fit counts as converged.
 const TOLERANCE: f64 = 1e-6;
 /// Share of the change that is applied in each repetition. If the whole change were applied, the
 /// repetitions could alternate between two sets of noise types.
@@ -47,7 +47,7 @@ pub(super) fn fit(taus_s: &[f64], variances: &[f64], covariances: &Covariances) 
     if taus_s.len() < TYPES || scale <= 0.0 {
         return None;
     }
-    // Variances relative to the first one, so that the numbers are of the order of one.
+    // The variances are divided by the first one, so that the numbers are of the order of 1.
     let relative: Vec<f64> = variances.iter().map(|variance| variance / scale).collect();
     let mut coefficients = [taus_s[0], 0.0, 0.0];
     for _ in 0..MAX_REPETITIONS {

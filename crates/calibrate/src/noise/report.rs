@@ -4,7 +4,7 @@ use std::fmt;
 
 use serde::Serialize;
 
-/// Confidence level of all intervals: that of one standard deviation.
+/// Confidence level of all intervals. It corresponds to ±1 standard deviation.
 pub(super) const CONFIDENCE: f64 = 0.68;
 
 /// Result of a noise calibration. Angles are in degrees.

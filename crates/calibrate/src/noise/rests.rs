@@ -262,7 +262,8 @@ fn block_count(median_s: f64) -> usize {
     (BLOCK_S / median_s).round().max(2.0) as usize
 }
 
-/// Returns the value below which `percent` of the values are; `None` if there is no value.
+/// Returns the value below which `percent` per cent of the values lie; `None` if there are no
+/// values.
 fn percentile(mut values: Vec<f64>, percent: usize) -> Option<f64> {
     let index = values.len().checked_sub(1)? * percent / 100;
     Some(*values.select_nth_unstable_by(index, f64::total_cmp).1)

@@ -21,8 +21,8 @@ const ALWAYS_VISIBLE: [&str; 9] = [
     "a sensor mounted upside down",
 ];
 
-/// Logs. Each entry contains the file, the tenth of the log that is read first (counted from 0),
-/// and the errors that are visible in addition to [`ALWAYS_VISIBLE`].
+/// Logs. Each entry contains the file, the tenth of the log at which reading starts (counted from
+/// 0), and the errors that are visible in addition to [`ALWAYS_VISIBLE`].
 const LOGS: [(&str, usize, &[&str]); 3] = [
     // This log covers a few seconds in flight and some time on the ground.
     ("logs/px4_sample.ulg", 0, &["rates in °/s"]),

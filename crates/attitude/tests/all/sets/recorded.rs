@@ -12,7 +12,8 @@ pub(super) struct Set {
     pub(super) name: &'static str,
     folder: &'static str,
     prefix: &'static str,
-    /// Largest accepted mean RMSE of the default fuser, degrees: total, heading, inclination.
+    /// Largest accepted mean RMSE of total attitude, heading and inclination, degrees, for the
+    /// default fuser.
     pub(super) limits_deg: [f64; 3],
 }
 
