@@ -210,8 +210,7 @@ impl SystemName {
         if let Ok(root) = IoxPath::new(self.root().as_os_str().as_encoded_bytes()) {
             config.global.set_root_path(&root);
         }
-        // The supervisor cleans up after killed processes. A cleanup here would delay other
-        // processes.
+        // The supervisor cleans up after killed processes. A cleanup would delay any other process.
         config.global.node.cleanup_dead_nodes_on_creation = false;
         config.global.node.cleanup_dead_nodes_on_destruction = false;
         config.global.service.cleanup_dead_nodes_on_open = false;

@@ -93,7 +93,7 @@ fn non_empty(text: String) -> Option<ForeignText> {
     Some(text).filter(|text| !text.is_empty()).map(ForeignText::from)
 }
 
-/// Removes control characters except line feeds, because receivers reject them.
+/// Removes control characters, which receivers reject. Line feeds are kept.
 fn without_controls(text: &str) -> String {
     text.chars().filter(|letter| !letter.is_control() || *letter == '\n').collect()
 }

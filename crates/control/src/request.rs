@@ -20,7 +20,7 @@ pub enum ControlRequest {
     },
     /// Return the status of every service.
     Status,
-    /// Return the service configuration, with the stages that fill the slots now.
+    /// Return the service configuration, with the stages that currently fill the slots.
     ServiceConfig,
     /// Return the record status: the data missing so far from the report and the output file.
     RecordStatus,

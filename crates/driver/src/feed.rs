@@ -1,4 +1,5 @@
-//! Publisher through which an external program publishes on a topic.
+//! Publisher through which an external program publishes on a topic. It rejoins the system after
+//! the system has restarted.
 
 use std::time::{Duration, Instant};
 

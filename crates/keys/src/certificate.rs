@@ -2,7 +2,7 @@
 //!
 //! Keys are ECDSA on P-256. A certificate is valid as a server certificate only for the hosts it
 //! names. A certificate without hosts is for clients only, so its holder cannot impersonate the
-//! router. Validity starts one day in the past, for clocks that are behind.
+//! router. Validity starts one day before the time of issue, to allow for clocks that are behind.
 
 use rcgen::{
     BasicConstraints, CertificateParams, DistinguishedName, DnType, ExtendedKeyUsagePurpose, IsCa, Issuer, KeyPair,

@@ -163,8 +163,8 @@ impl Keys {
     /// # Errors
     ///
     /// Returns [`KeysError::Revoked`] if the name was revoked, [`KeysError::Exists`] if the party
-    /// exists and `force` is not set, and [`KeysError::UnknownParty`] if an import has no
-    /// certificate.
+    /// exists and `force` is not set, and [`KeysError::UnknownParty`] if a vehicle in `imports` has
+    /// no certificate.
     pub fn issue(
         &self,
         party: &Party,

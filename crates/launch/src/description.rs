@@ -30,7 +30,7 @@ pub struct SectionDescription {
 /// Description of a key.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct KeyDescription {
-    /// Name of the key. A unit is the last part of the name.
+    /// Name of the key. The name ends with the unit, if there is one.
     pub name: String,
     /// Default in TOML. `None` if the key is not set by default.
     pub default: Option<String>,

@@ -1,4 +1,4 @@
-//! The effective launch file: every key with its value, given or default.
+//! The effective launch file: every key with its value, whether given or default.
 
 use toml_edit::{DocumentMut, Item, TableLike, TomlError, Value};
 

@@ -246,8 +246,8 @@ impl Ingest {
         }
     }
 
-    /// Returns the sample rate in Hz for which buffers are made. It is the declared rate, or 1000
-    /// Hz if none is declared.
+    /// Returns the sample rate in Hz for which buffers are made. It is the declared rate, or else
+    /// 1000 Hz.
     pub fn nominal_rate_hz(&self) -> f64 {
         self.declared_rate_hz().unwrap_or(DEFAULT_RATE_HZ)
     }

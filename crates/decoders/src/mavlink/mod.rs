@@ -198,8 +198,8 @@ impl Mavlink {
             if chosen.is_some_and(|chosen| chosen.message != message) {
                 return true;
             }
-            // A message with only a magnetic field does not choose its sender, which may not send
-            // rate and force.
+            // A message with only a magnetic field does not choose its sender, because the sender
+            // may not send rate and force.
             if matches!(measurement.value, Value::Imu { .. }) {
                 let Header { system, component, .. } = *header;
                 self.choice.confirm(ImuSender { system, component, message }, self.now);

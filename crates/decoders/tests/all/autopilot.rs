@@ -111,8 +111,8 @@ fn highres_from(system_id: u8, component_id: u8) -> Vec<u8> {
     frame.raw_bytes().to_vec()
 }
 
-/// Decodes frames, each with its arrival time in ms. Returns `true` or `false` for each frame,
-/// depending on whether it yields a measurement, and the number of foreign frames.
+/// Decodes frames, each with its arrival time in ms. Returns whether each frame yields a
+/// measurement, and the number of foreign frames.
 fn decode_at(settings: MavlinkSettings, frames: &[(u64, Vec<u8>)]) -> (Vec<bool>, u64) {
     let mut decoder = Framed::new(Mavlink::new(settings));
     let used = frames.iter().map(|(ms, bytes)| {

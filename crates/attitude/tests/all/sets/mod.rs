@@ -89,7 +89,7 @@ fn with_bias(set: &str, bias_deg_s: [f64; 3]) -> Option<Vec<Recording>> {
 }
 
 /// The trials of BROAD begin at rest, those of TUM VI in motion. With a bias of 3 to 4 °/s, turns
-/// are detected with the bias from `aided`, so a few seconds of BROAD are mistaken for a turn.
+/// are detected with the bias from `aided`, and a few seconds of BROAD are mistaken for a turn.
 #[test]
 fn large_gyro_bias_is_found() {
     for (set, bias_deg_s, (max_inclination_deg, max_heading_deg)) in [
