@@ -195,8 +195,8 @@ mod tests {
     #[test]
     fn octaves_end_at_a_quarter_of_the_rests() {
         assert_eq!(octaves(1.0, 0.1, &[64.0]), [10, 20, 40, 80, 160]);
-        // The shorter rest is shorter than 2 τ = 32 s, and the longer one is shorter than 4 τ = 64
-        // s.
+        // For τ = 16 s, the shorter rest is shorter than 2 τ, and the longer one is shorter than 4
+        // τ.
         assert_eq!(octaves(1.0, 0.1, &[40.0, 30.0]), [10, 20, 40, 80]);
         assert!(octaves(1.0, 0.1, &[3.0]).is_empty());
     }

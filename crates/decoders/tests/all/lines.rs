@@ -69,7 +69,7 @@ fn columns_without_header_come_from_settings() {
         read(&settings, "7 1 2 3 4 5\n0 0 0 0 0 9.8\n\n# remark\n0 0 0\n1 2 3 4 5 x\n1 2 3 4 5 6\r\n");
     let (rate, force) = ([1.0, 2.0, 3.0], [4.0, 5.0, 6.0]);
     assert_eq!(found, [imu(None, [0.0; 3], [0.0, 0.0, 9.8], None), imu(None, rate, force, None)]);
-    // The first line may lack its beginning, so it is rejected although it is valid here.
+    // The first line may lack its beginning, so it is skipped although it is valid here.
     assert_eq!(counts, Counts { frames: 4, rejected: 2, skipped_bytes: 12 + 6 + 12, foreign: 0 });
 }
 
