@@ -60,7 +60,7 @@ pub struct Tls {
 impl Endpoints {
     /// Creates the endpoints of a remote program that only connects.
     pub fn with_connect(endpoints: &[String]) -> Self {
-        // On the board itself there is no router, so a plain endpoint belongs to a peer.
+        // A plain endpoint is on the board itself, which has no router, so the session is a peer.
         let client = matches!(endpoints, [one] if is_secured(one));
         Self { connect: endpoints.to_vec(), client, ..Self::default() }
     }

@@ -106,7 +106,7 @@ impl Link {
     /// Fails if no endpoint is connected in time. The error contains the reason for each endpoint.
     pub fn connect(endpoints: &Endpoints, limit: Duration) -> Result<Self, LinkError> {
         let link = Self::open(endpoints)?;
-        // A listener that is busy with stalled connections may accept this one later.
+        // A listener that is busy with stalled connections may accept this session later.
         if link.wait_for_peer(limit) || diagnosis::is_port_open(endpoints) && link.wait_for_peer(BUSY_TIMEOUT) {
             return Ok(link);
         }

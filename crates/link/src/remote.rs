@@ -52,8 +52,8 @@ impl Link {
         subscriber.wait().map(MessageStream).map_err(at_key("subscribing to liveliness at", keys))
     }
 
-    /// Returns the key and bytes of every response to a query that arrives within `limit`, at most
-    /// 1024.
+    /// Returns the key and bytes of the responses to a query that arrive within `limit`, at most
+    /// 1024 of them.
     ///
     /// # Errors
     ///

@@ -1,6 +1,7 @@
 //! Wraps of the counters that devices use as clocks.
 
-/// Periods of the counters that are recognised by their step, ns: 32-bit counters of µs and ms.
+/// Periods of 32-bit counters of µs and of ms, in ns. Their wraps are recognised by the size of the
+/// step across the wrap.
 pub const COUNTER_PERIODS_NS: [i64; 2] = [(1 << 32) * 1_000, (1 << 32) * 1_000_000];
 /// Maximum step across the wrap of a counter of unknown period, ns.
 const MAX_WRAP_STEP_NS: i64 = 10_000_000_000;
@@ -9,7 +10,7 @@ const MAX_WRAP_STEP_NS: i64 = 10_000_000_000;
 /// `t_ns`.
 ///
 /// `period_ns` is the period if it is known. Otherwise, a wrap of a 32-bit counter of µs or ms is
-/// recognised by its step.
+/// recognised if the step across it is short enough.
 pub fn wrap_ns(period_ns: Option<i64>, last_ns: i64, t_ns: i64) -> Option<i64> {
     let known = period_ns.map(|period_ns| (period_ns, period_ns / 2));
     let guessed = COUNTER_PERIODS_NS.map(|period_ns| (period_ns, MAX_WRAP_STEP_NS));
@@ -22,7 +23,7 @@ pub fn wrap_ns(period_ns: Option<i64>, last_ns: i64, t_ns: i64) -> Option<i64> {
 
 /// Periods of narrower counters, ns: 16 bits of ms, 24 and 31 bits of µs, 31 bits of ms, and 32
 /// bits of ns. They are so short that a restart of the device could be mistaken for a wrap. The
-/// step is therefore compared as well.
+/// step across the wrap is therefore compared with the previous step.
 const NARROW_PERIODS_NS: [i64; 5] =
     [(1 << 16) * 1_000_000, (1 << 24) * 1_000, (1 << 31) * 1_000, (1 << 31) * 1_000_000, 1 << 32];
 

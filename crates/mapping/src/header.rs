@@ -156,13 +156,14 @@ fn unit_of_target(target: &str, text: &str) -> Option<&'static str> {
     spelled.map(|(name, _)| *name).find(|name| unit_named(name).is_some_and(|unit| unit.measures(target)))
 }
 
-/// Returns a unit in lower case, without brackets, blanks and signs of powers and fractions.
+/// Returns a unit in lower case, keeping only its letters and digits. `µ`, `°` and `²` are spelt in
+/// ASCII.
 fn plain_unit(text: &str) -> String {
     let text = text.to_lowercase().replace(['µ', 'μ'], "u").replace('²', "2").replace('°', "deg");
     text.replace(|found: char| !found.is_ascii_alphanumeric(), "")
 }
 
-/// Error in the units that column names state.
+/// Error in the units given by column names.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 pub enum HeaderError {
     /// Column names give different units for the same quantity.
@@ -176,7 +177,7 @@ pub enum HeaderError {
         second: String,
         /// Units of the two columns.
         units: [&'static str; 2],
-        /// List of units that resolves the error.
+        /// Unit list that resolves the error if the user sets it as `units`.
         remedy: String,
     },
     /// The column names give no unit for a quantity, and the names do not imply a usual unit.
@@ -184,13 +185,13 @@ pub enum HeaderError {
     MissingUnits {
         /// One column name for each quantity without a unit.
         names: Vec<String>,
-        /// List of units that resolves the error.
+        /// Unit list that resolves the error if the user sets it as `units`.
         remedy: String,
     },
 }
 
 impl HeaderError {
-    /// Returns a list of units that resolves the error.
+    /// Returns the unit list that resolves the error if the user sets it as `units`.
     pub fn remedy(&self) -> &str {
         match self {
             Self::DifferentUnits { remedy, .. } | Self::MissingUnits { remedy, .. } => remedy,

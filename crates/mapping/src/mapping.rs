@@ -37,7 +37,7 @@ const VELOCITY_DOWN: [&str; 3] = ["ve", "vn", "vd"];
 /// Targets of the position. Each is optional.
 pub const POSITION: [&str; 3] = ["lat", "lon", "alt"];
 
-/// Rank of column names that are neither mapped explicitly nor those of a recording.
+/// Rank of column names that match only as aliases, such as `gyro_x` for `gx`.
 const ALIAS_RANK: u8 = 2;
 /// Number of decimal places needed to write a time in seconds with nanosecond resolution.
 const SECOND_DIGITS: usize = 9;
@@ -57,7 +57,8 @@ pub struct Mapping {
     /// `true` if the columns were named by the user.
     is_explicit: bool,
     units: Units,
-    /// Number of decimal places of the unit of time; `None` if the user specified no unit.
+    /// Decimal places needed for nanosecond resolution in the unit of time; `None` if the user
+    /// specified no unit.
     time_digits: Option<usize>,
     body: Option<Body>,
     earth: Option<Earth>,
@@ -66,11 +67,11 @@ pub struct Mapping {
 /// Factors that convert to rad/s, m/s² and µT. `None` if the user specified no unit.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub struct Units {
-    /// Factor of the body rate.
+    /// Factor by which the body rate is multiplied.
     pub rate: Option<f64>,
-    /// Factor of the specific force.
+    /// Factor by which the specific force is multiplied.
     pub force: Option<f64>,
-    /// Factor of the magnetic field.
+    /// Factor by which the magnetic field is multiplied.
     pub field: Option<f64>,
 }
 
@@ -395,7 +396,8 @@ impl Mapping {
     pub fn match_rank(&self, target: &str, name: &str) -> Option<u8> {
         let column = self.column(target).unwrap_or(target);
         let plain = without_unit(name);
-        // If the user has not mapped the columns, a unit of time also applies to the column `t_s`.
+        // The column `t_s` matches if the unit of time is the second. If the user has not mapped
+        // the columns, `t_s` matches with any unit of time, which then applies to this column.
         let is_seconds = !self.is_explicit || self.time_digits() == SECOND_DIGITS;
         let is_recording_time = column == "t" && plain == RECORDING_TIME_COLUMN && is_seconds;
         if name == column {

@@ -13,8 +13,8 @@ pub struct UnknownName {
 }
 
 impl UnknownName {
-    /// Creates the error for the name `found`, which is not in `known`. `kind` is what it names,
-    /// such as `topic`.
+    /// Creates the error for the name `found`, which is not in `known`. `kind` is the kind of thing
+    /// that the names denote, such as `topic`.
     pub fn new<'a>(kind: &'static str, found: &str, known: impl IntoIterator<Item = &'a str>) -> Self {
         let known: Vec<&str> = known.into_iter().collect();
         Self {

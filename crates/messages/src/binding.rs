@@ -113,8 +113,8 @@ graph::topics!(bind_payloads { Topic });
 
 #[cfg(test)]
 mod tests {
-    //! Tests that an additional table line and its payload receive everything that is derived from
-    //! the table.
+    //! Tests that a line added to the table, together with its payload, gets everything that is
+    //! derived from the table.
     use crate::{Flags, Message, Ticked};
 
     macro_rules! added_lines {

@@ -63,7 +63,7 @@ pub trait Message: bytemuck::Pod + core::fmt::Debug + Send + Sync {
 
 /// Message derived from one IMU sample.
 pub trait Ticked: Message {
-    /// Flag of the ticks that have a message; [`Flags::NONE`] if every tick has one.
+    /// Flag that is set in ticks with such a message; [`Flags::NONE`] if every tick has one.
     const FLAG: Flags;
 
     /// Returns the header with the tick, interval and flags.

@@ -200,8 +200,8 @@ fn rate_hz(previous: Option<Header>, current: Option<Header>) -> Option<f64> {
 }
 
 impl SystemSnapshot {
-    /// Returns a text table of at most `columns` columns. The least important columns are left out
-    /// first.
+    /// Returns a text table at most `columns` characters wide. The least important table columns
+    /// are left out first.
     pub fn table(&self, columns: Option<usize>) -> String {
         let visible = visible_columns(columns);
         let tick = self.tick.map_or("-".into(), |tick| tick.to_string());
@@ -232,8 +232,8 @@ struct Column {
     drop_order: u8,
 }
 
-/// Columns of the table. All of them fit into a terminal of 121 columns. Without the three columns
-/// that are omitted first, they fit into 80.
+/// Columns of the table. They fit into a terminal 121 characters wide, or 80 without the three
+/// columns that are omitted first.
 const COLUMNS: [Column; 13] = [
     Column { header: "service", width: 11, drop_order: 0 },
     Column { header: "stage", width: 25, drop_order: 10 },
@@ -256,7 +256,7 @@ impl Column {
     }
 }
 
-/// Returns the indices of the table columns that fit into a terminal of `columns` columns.
+/// Returns the indices of the table columns that fit into a terminal `columns` characters wide.
 fn visible_columns(columns: Option<usize>) -> Vec<usize> {
     let mut visible: Vec<_> = (0..COLUMNS.len()).collect();
     while columns.is_some_and(|columns| visible.iter().map(|i| COLUMNS[*i].width).sum::<usize>() > columns) {

@@ -39,7 +39,7 @@ pub struct Collector {
     lines: Option<AttitudeLines>,
     /// Number of lines without a fused state, once the file is finished.
     lines_without_fused: u64,
-    /// Error that ended the writing of the file.
+    /// Write error that ended the file early.
     file_error: Option<CollectorError>,
 }
 
@@ -135,7 +135,7 @@ impl Collector {
         self.lines.as_ref().map_or(self.lines_without_fused, AttitudeLines::lines_without_fused)
     }
 
-    /// Returns the error that ended the writing of the file, if any.
+    /// Returns the write error that ended the file early, if any.
     pub fn file_error(&self) -> Option<&CollectorError> {
         self.file_error.as_ref()
     }

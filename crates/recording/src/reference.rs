@@ -30,7 +30,7 @@ pub const MAX_GAP_NS: i64 = 200_000_000;
 /// between them is small, ns. It allows for references at 1 Hz. Rows with such an interval are
 /// called slow.
 const MAX_SLOW_GAP_NS: i64 = 1_100_000_000;
-/// Cosine of half the largest rotation across which slow rows are interpolated: 5°.
+/// Cosine of half the largest rotation across which slow rows are interpolated, which is 5°.
 const MIN_HALF_ROTATION_COS: f64 = 0.999_048_221_581_857_8;
 
 /// Maximum number of rows read to decide whether slow rows are interpolated.
@@ -233,7 +233,7 @@ mod tests {
         }
     }
 
-    /// Returns a reference at 1 Hz, with the yaw of each row, degrees.
+    /// Returns a reference at 1 Hz. `yaw_deg` gives the yaw of each row.
     fn slow(yaw_deg: impl Fn(u32) -> f64) -> References {
         let rows: String = (0..200).map(|row| line(row.into(), yaw_deg(row), 1.0)).collect();
         open(&format!("t_s,qw,qx,qy,qz\n{rows}")).unwrap()

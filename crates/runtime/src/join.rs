@@ -47,7 +47,7 @@ impl<M: Ticked> TickStamped for M {
 #[derive(Debug, Clone)]
 pub struct JoinInput<M> {
     queue: VecDeque<M>,
-    /// Flag of the ticks that have a message; [`Flags::NONE`] for a dense input.
+    /// Flag set in ticks that have a message on this input; [`Flags::NONE`] for a dense input.
     flag: Flags,
     /// Tick after the newest one received.
     next_tick: u64,
@@ -191,7 +191,7 @@ pub struct Join<I> {
     lateness_ticks: u64,
     /// End of the backlog: earlier ticks have been published and may still be in delivery.
     backlog_end: u64,
-    /// The backlog is given up as soon as the newest tick of any dense input is this one or later.
+    /// The backlog is given up as soon as a dense input reaches this tick.
     backlog_deadline: u64,
     emits_empty_ticks: bool,
     sequence: Sequence,

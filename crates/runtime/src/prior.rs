@@ -27,7 +27,7 @@ pub struct Prior {
     pub gyro_scale: Option<PriorEstimate>,
 }
 
-/// Estimate of a sensor error. The field that holds it states the unit.
+/// Estimate of a sensor error. [`Prior`] defines its unit and axes.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct PriorEstimate {
@@ -72,8 +72,8 @@ const SCALE: AgeingModel = AgeingModel { random_walk: 1.2e-6, power_cycle_sd: 0.
 const MIN_SCALE_SD: f64 = 0.002;
 
 /// Plausibility limits of gyro bias and hard iron. Each entry has the quantity, its largest
-/// plausible magnitude, the factor from the unit of the estimate to that of the magnitude, and this
-/// unit. [`Estimate::validate`] limits the gyro scale error.
+/// plausible magnitude, the factor from the unit of the estimate to that of the magnitude, and the
+/// unit of the magnitude. [`Estimate::validate`] limits the gyro scale error.
 ///
 /// A larger value comes from a damaged or forged file rather than from a sensor: the zero-rate
 /// level of consumer gyros is within a few °/s, and a magnetic field of 1000 µT is 20 times that of

@@ -108,8 +108,8 @@ fn monotonic_clock() -> Check {
 
 /// Checks whether the wall clock is synchronised.
 ///
-/// The data path does not use the wall clock, but a synchronised clock makes recordings and fleets
-/// easier to compare.
+/// The data path does not use the wall clock, but recordings and vehicles are easier to compare if
+/// their clocks are synchronised.
 fn wall_clock() -> Check {
     let check = "wall-clock";
     let timesyncd = Path::new("/run/systemd/timesync");

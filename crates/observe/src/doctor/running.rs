@@ -55,9 +55,8 @@ impl Observation {
         };
         while !is_over() {
             std::thread::sleep(POLL_INTERVAL);
-            // The magnetic field is read before the samples, because the check of a sample does not
-            // wait for the field of its tick. A field that arrives between the two reads is not
-            // checked.
+            // The check of a sample does not wait for the magnetic field of its tick, so the fields
+            // are read first. A field that arrives between the two reads is not checked.
             field.drain(&mut |bytes| {
                 bytemuck::try_pod_read_unaligned(bytes).into_iter().for_each(|field| observation.fields.push(field));
             })?;
@@ -109,11 +108,12 @@ impl Observation {
         let rate_of = |(_, flow): &(Service, FlowMonitor)| flow.report().rate_hz;
         let samples_hz = self.flows.iter().find(|(service, _)| *service == Service::Ingest).and_then(rate_of);
         let source = config.launch.ingest.source;
-        // The rate of a live sensor is not known in advance. Each topic is therefore compared with
-        // the samples that arrive.
+        // The rate of a live sensor is not known in advance. The rate of each topic is therefore
+        // compared with that of the samples.
         let expected_hz = if source.is_repeatable() { declared_hz } else { samples_hz.or(declared_hz) };
         let checks = self.flows.iter().map(|(service, flow)| rate_check(*service, flow, expected_hz, config));
-        // For other live sources, the drivers report a wrong rate.
+        // This check is for readings from the bus. For the other live sources, the drivers report a
+        // wrong rate.
         let declared = config.launch.ingest.declared_rate_hz().and(declared_hz);
         let declared = declared.zip(samples_hz).filter(|_| source == Source::Bus);
         checks.chain(declared.and_then(|(declared, measured)| declared_rate_check(declared, measured))).collect()

@@ -31,7 +31,7 @@ use crate::error::CollectorError;
 pub const STANDARD_OUTPUT: &str = "-";
 /// Size at which a batch of lines is sent to the writer thread, bytes.
 const BATCH_BYTES: usize = 8192;
-/// Maximum number of queued batches: 32 MiB, some minutes at 1 kHz.
+/// Maximum number of queued batches. They hold 32 MiB, which is several minutes of lines at 1 kHz.
 const MAX_BATCHES: usize = 4096;
 /// Maximum time without disk progress while the run waits for the disk. The run waits when the
 /// queue is full and when the run ends.

@@ -2,7 +2,7 @@
 //!
 //! Input: readings.
 //!
-//! Output: the readings within the longest delay, by index.
+//! Output: the readings received within the longest delay, by index.
 //!
 //! Time: that of the fault injector.
 //!
@@ -15,7 +15,7 @@ use launch::{Fault, FaultKind, MAX_DELAYED_READINGS};
 
 use crate::source::Reading;
 
-/// Buffer of the readings within the longest delay.
+/// Buffer that keeps each reading for the longest delay.
 #[derive(Debug, Clone)]
 pub(super) struct DelayLine {
     readings: VecDeque<(i64, Reading)>,

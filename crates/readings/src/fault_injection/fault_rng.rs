@@ -7,7 +7,7 @@ use attitude::{
 
 use crate::source::Reading;
 
-/// Random number generator with the same sequence on every machine: splitmix64.
+/// Random number generator (splitmix64) with the same sequence on every machine.
 #[derive(Debug, Clone)]
 pub(super) struct FaultRng(pub(super) u64);
 

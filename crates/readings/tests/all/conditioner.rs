@@ -326,7 +326,7 @@ fn extreme_stamps_do_not_stop_time() {
     }
 }
 
-/// Random timestamps and values: splitmix64 (Steele, Lea, Flood 2014).
+/// Generator of random timestamps and values, using splitmix64 (Steele, Lea, Flood 2014).
 struct FuzzRng(u64);
 
 impl FuzzRng {
@@ -393,8 +393,8 @@ fn fuzzed_readings_give_finite_samples_in_time_order() {
     }
 }
 
-/// Returns three values per sample: whether it has a magnetic field, whether it has a fix, and
-/// those of its flags that announce the field and the fix.
+/// Returns, for each sample, whether it has a magnetic field, whether it has a fix, and which of
+/// the flags for the field and the fix are set.
 fn aiding(readings: &[Reading]) -> Vec<(bool, bool, Flags)> {
     let mut conditioner = conditioner(GyroSamples::Means);
     let relevant = Flags::FIELD | Flags::FIX | Flags::FIELD_INVALID | Flags::FIX_INVALID;
