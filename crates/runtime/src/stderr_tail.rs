@@ -25,7 +25,8 @@ pub struct StderrTail {
 }
 
 impl StderrTail {
-    /// Creates a tail of `pipe`. If the pipe cannot be made non-blocking, it is not read.
+    /// Creates the tail for the output of `pipe`. If the pipe cannot be made non-blocking, it is
+    /// not read.
     pub fn new(pipe: Option<ChildStderr>) -> Self {
         let pipe = pipe.filter(|pipe| ioctl_fionbio(pipe, true).is_ok());
         if let Some(pipe) = &pipe {

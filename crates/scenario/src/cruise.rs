@@ -67,7 +67,7 @@ struct AirMotion {
     slip_phase: f64,
 }
 
-/// Flight and its turns, as far as they have been generated.
+/// Flight with the turns generated so far.
 #[derive(Debug, Clone)]
 pub(crate) struct FlightPlan {
     turns: Vec<Turn>,

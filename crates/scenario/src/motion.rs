@@ -70,7 +70,7 @@ impl Motion {
     }
 }
 
-/// Motion and, for a flight, its plan as far as it has been generated.
+/// Motion and, for a flight, the part of its plan generated so far.
 #[derive(Debug, Clone)]
 pub(crate) struct Body {
     motion: Motion,

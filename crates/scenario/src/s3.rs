@@ -1,14 +1,14 @@
 //! Scenario S3: one full turn at 1 rad/s about x, then y, then z, starting from level; then rest.
 //!
-//! Each turn lasts 2π s. The motion is that of the paper S3 (improved orientation of a UAV by the
-//! Madgwick filter). The paper does not specify the magnetic field. The magnetic field used here
+//! Each turn lasts 2π s. The motion is taken from the paper S3, on improved orientation of a UAV by
+//! the Madgwick filter. The paper does not specify the magnetic field. The magnetic field used here
 //! has an inclination typical of middle latitudes and points to magnetic north.
 
 use core::f64::consts::TAU;
 
 use attitude::{Vector3, rotation::Rotation, state::Attitude};
 
-/// Magnetic field, µT, reference axes: 20 µT north and 44 µT down, an inclination of 66°.
+/// Magnetic field, µT, reference axes: 20 µT north and 44 µT down, with an inclination of 66°.
 pub const FIELD_UT: [f64; 3] = [0.0, 20.0, -44.0];
 
 /// Duration of the three turns, s.

@@ -2,7 +2,7 @@
 //!
 //! Input: checked IMU samples.
 //!
-//! Output: the up direction as a point (u, v), and the trust in it.
+//! Output: the up direction as a point (u, v), and a trust value from 0 to 1.
 //!
 //! Failure: if the force is unusable, the previous point is repeated with trust 0 and a flag.
 

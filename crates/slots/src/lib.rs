@@ -5,10 +5,10 @@
 //!
 //! | module | contents |
 //! | --- | --- |
-//! | [`gyro`] | angular rate to the rotation of each tick |
-//! | [`accel`] | specific force to the up direction |
-//! | [`fuser`] | rotation, up direction, magnetic field and fixes to attitude |
-//! | [`course`] | attitude and fixes to angles, course and quaternion |
+//! | [`gyro`] | rotation of each tick from the angular rate |
+//! | [`accel`] | up direction from the specific force |
+//! | [`fuser`] | attitude from rotation, up direction, magnetic field and fixes |
+//! | [`course`] | angles, course and quaternion from attitude and fixes |
 //! | `true_north` | magnetic declination |
 #![forbid(unsafe_code)]
 

@@ -15,7 +15,7 @@ pub struct ReorderBuffer<M> {
     lateness_ticks: u64,
     /// End of the backlog. Earlier ticks have been published, but may not have been delivered yet.
     backlog_end: u64,
-    /// Lead of a held message over `backlog_end` at which the backlog is given up, ticks.
+    /// Lead of a held message over `backlog_end`, in ticks, at which the backlog is given up.
     patience_ticks: u64,
     sequence: Sequence,
     /// Epoch of the last delivered message, or the initial epoch before the first delivery.

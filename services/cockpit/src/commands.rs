@@ -19,8 +19,8 @@ use crate::{
     token::{Role, Tokens},
 };
 
-/// Maximum number of commands in progress, over all viewers. A shadow counts as in progress until
-/// it ends.
+/// Maximum number of commands in progress, of all viewers together. A shadow counts as in progress
+/// until it ends.
 pub(crate) const MAX_CONCURRENT_COMMANDS: usize = 8;
 
 /// Executor of the commands of all viewers.
@@ -40,7 +40,7 @@ pub(crate) struct CommandSession<'c> {
 }
 
 impl Commands {
-    /// Creates the executor. `permits` limits the commands in progress over all viewers.
+    /// Creates the executor. `permits` limits the commands in progress of all viewers together.
     pub(crate) fn new(target: Arc<dyn CommandTarget>, tokens: Tokens, permits: Arc<Semaphore>) -> Self {
         Self { target, tokens, permits }
     }

@@ -68,8 +68,8 @@ pub enum Coverage {
     /// Fixes at all times.
     #[default]
     Always,
-    /// Fixes at all times except in gaps of 60 s. The first gap starts at 300 s, and another one
-    /// starts every 240 s.
+    /// Fixes at all times except in gaps of 60 s. The first gap starts at 300 s, and the following
+    /// ones start every 240 s.
     Gaps,
     /// Fixes during the first ten minutes only.
     Start,

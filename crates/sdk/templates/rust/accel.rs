@@ -2,7 +2,7 @@
 //!
 //! Input: specific force in body axes.
 //!
-//! Output: the direction of the force and the trust in it.
+//! Output: the direction of the force and a trust value from 0 to 1.
 //!
 //! Failure: if a force has no direction, the previous point is kept, with trust 0. A non-finite
 //! force counts as zero.

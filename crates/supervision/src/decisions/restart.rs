@@ -298,7 +298,7 @@ mod tests {
             (100.0, 300, ""),
             (100.0, 400, "about 100 ticks lost; if a restart can take as long again, set buffer_s = 4"),
             (100.0, 9000, "about 8700 ticks lost"),
-            // At this rate, a topic cannot hold more than 16.4 s.
+            // At this rate, a topic cannot hold messages for more than 16.4 s.
             (4000.0, 80_000, "about 79700 ticks lost"),
         ] {
             let mut supervision = supervision(rate_hz);

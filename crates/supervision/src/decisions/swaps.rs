@@ -131,8 +131,8 @@ impl Supervision {
     ///
     /// # Errors
     ///
-    /// The error is the current stage, empty if there is no such slot, and the reason for the
-    /// rejection.
+    /// Returns the current stage and the reason for the rejection. The stage is empty if the slot
+    /// does not exist.
     fn validate_request(&self, request: &SwapRequest) -> Result<(Slot, String), (String, String)> {
         let launch = &self.config.launch;
         let Some(slot) = Slot::from_name(&request.slot).filter(|slot| self.swaps.state(*slot).is_some()) else {

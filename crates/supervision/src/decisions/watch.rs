@@ -74,8 +74,8 @@ impl Supervision {
         }
     }
 
-    /// Requests the stage of the watch that does not currently fill the slot. It is requested as a
-    /// shadow if `shadow` is set, otherwise for a takeover. Returns the ID of the request.
+    /// Requests the watched stage or the default stage, whichever does not currently fill the slot.
+    /// Requests a shadow if `shadow` is set, otherwise a takeover. Returns the ID of the request.
     fn request_for_watch(&mut self, index: usize, shadow: bool) -> u64 {
         let rule = &self.watches[index].rule;
         let (slot, stage) = (rule.config.slot, rule.shadow_stage().clone());

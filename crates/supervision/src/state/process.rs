@@ -37,7 +37,7 @@ pub struct ProcessEntry {
     pub(crate) policy: RestartPolicy,
     /// Time of the next restart, if one is scheduled.
     pub(crate) restart_at: Option<Duration>,
-    /// Set once the service has been given up, after which it is not restarted.
+    /// Set once the service has been given up and is no longer restarted.
     pub(crate) given_up: bool,
     /// Epoch and first tick with which the next owner process starts.
     pub(crate) ownership: Option<(u32, u64)>,

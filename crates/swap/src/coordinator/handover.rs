@@ -113,8 +113,8 @@ impl Coordinator {
         actions.push(self.report(&request, SwapOutcome::Aborted, Some(reason), None, took_ms));
     }
 
-    /// Waits until the candidate has exited and the active stage owns the slot. If the active stage
-    /// cannot resume ownership, it is restarted.
+    /// Ends the swap once the candidate has exited and the active stage owns the slot again.
+    /// Restarts the active stage if it cannot resume ownership.
     pub(super) fn finish_abort(&mut self, now_ms: u64, waited_ms: u64, actions: &mut Vec<Action>) {
         let Some(swap) = &mut self.swap else { return };
         if let Some(incarnation) = swap.candidate

@@ -20,7 +20,7 @@ impl SimRng {
         low + self.next() % (high - low + 1)
     }
 
-    /// Returns `true` with a probability of `per_mille` in a thousand.
+    /// Returns `true` with the probability `per_mille` / 1000.
     pub(crate) fn chance(&mut self, per_mille: u64) -> bool {
         self.next() % 1000 < per_mille
     }

@@ -1,5 +1,5 @@
 //! World of one seed: a source, the processes of a slot, two subscribers and a supervisor. Faults
-//! end at a certain time, after which everything must settle.
+//! stop at a certain time. Everything must settle after that.
 
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -42,7 +42,7 @@ pub(crate) struct World {
     pub(crate) reports: Vec<Report>,
     /// Previous owner and tick of each hand-over.
     pub(crate) handovers: Vec<(u32, u64)>,
-    /// Ticks of hand-overs after which the new stage had to republish earlier ticks.
+    /// Ticks of the hand-overs at which the new stage had to republish earlier ticks.
     pub(crate) republished: BTreeSet<u64>,
     /// Epochs in which a stage replaced an exited owner.
     pub(crate) replaced: BTreeSet<u32>,

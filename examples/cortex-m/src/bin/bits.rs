@@ -1,7 +1,7 @@
 //! Compares the attitudes of every stage with the golden digests in `crates/ahrs/golden`, bit by
 //! bit.
 //!
-//! Output: a line per stage, by semihosting.
+//! Output: a line per stage, printed by semihosting.
 //!
 //! Failure: exits with 1 if a digest differs.
 #![no_std]

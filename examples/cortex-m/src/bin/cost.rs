@@ -2,8 +2,8 @@
 //!
 //!     cargo run --release --bin cost [--features STAGE]
 //!
-//! Output: the stage, the size of the filter in bytes, and the mean and maximum number of
-//! instructions per update over the sample recording, by semihosting.
+//! Output, by semihosting: the stage, the size of the filter in bytes, and the mean and maximum
+//! number of instructions per update over the sample recording.
 //!
 //! Time: the emulator executes one instruction per nanosecond, and the SysTick timer measures the
 //! time. A loop of known length calibrates the timer.
