@@ -344,7 +344,7 @@ impl<'t> Section<'t, '_> {
         required.iter().copied().find(|key| !self.has(key))
     }
 
-    /// Returns the number of problems reported so far, here or in another table.
+    /// Returns the number of problems reported so far in any table.
     pub(crate) fn problem_count(&self) -> usize {
         self.file.problems.len()
     }
@@ -369,7 +369,7 @@ impl<'t> Section<'t, '_> {
         self.report(Problem::new(span, title, label));
     }
 
-    /// Converts a number in a range, with or without a decimal point.
+    /// Converts a number within `range`, written with or without a decimal point.
     pub(crate) fn number(
         &mut self,
         key: &str,

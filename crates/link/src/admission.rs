@@ -16,7 +16,8 @@ pub const MAX_SESSIONS: usize = 64;
 /// Maximum number of connections that do not have a session yet. Each uses a file descriptor, and a
 /// process is usually limited to 1,024 of them.
 const MAX_PENDING_CONNECTIONS: usize = 512;
-/// Timeout for a connection to become a session, ms. It allows a few round trips on a slow network.
+/// Timeout in ms for a connection to become a session. It allows a few round trips on a slow
+/// network.
 pub(crate) const HANDSHAKE_TIMEOUT_MS: u64 = 3000;
 
 /// Returns the connection limits of a listener. They replace Zenoh's defaults, which are 1,000
@@ -29,7 +30,7 @@ pub(crate) fn connection_limits() -> [(&'static str, String); 3] {
     ]
 }
 
-/// Returns Zenoh's `access_control` setting: the list from the file, merged with the list for
+/// Returns Zenoh's `access_control` setting, which merges the list from the file with the list for
 /// clients without a certificate.
 pub(crate) fn access_control(file: Option<&Path>, plain: Option<&AccessList>) -> Result<Option<Value>, LinkError> {
     let plain = plain.map(serde_json::to_value).transpose().map_err(|cause| config_error(cause.to_string()))?;

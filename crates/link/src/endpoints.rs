@@ -16,14 +16,14 @@ const LOOPBACK_PREFIXES: [&str; 3] = ["127.", "localhost:", "[::1]:"];
 /// Number of ports tried after the configured one.
 const MAX_EXTRA_PORTS: u16 = 64;
 
-/// Time without any message after which a peer counts as disconnected, ms. It is needed because
-/// QUIC does not report that a remote process has died.
+/// Time in ms without any message after which a peer counts as disconnected. This limit is needed
+/// because QUIC does not report that a remote process has died.
 const LEASE_MS: &str = "3000";
 /// Prefix of endpoints with mutual TLS.
 const SECURED_PREFIX: &str = "quic/";
 
-/// Retry intervals of a session that only connects, ms. They are short because a gateway may be
-/// busy with connections that never become sessions.
+/// Retry intervals in ms of a session that only connects. They are short, because a gateway that is
+/// busy with connections that never become sessions may accept only a later attempt.
 const RETRY_CONFIG: &str = "{ period_init_ms: 200, period_max_ms: 1000, period_increase_factor: 1.5 }";
 
 /// Endpoints of a session and their security.
@@ -111,7 +111,7 @@ impl Endpoints {
         set("mode", json_string(if client { "client" } else { "peer" }))?;
         set("listen/endpoints", list(&self.listen))?;
         set("connect/endpoints", list(&self.connect))?;
-        // Zenoh makes a single attempt for a client, because `Link::open` retries.
+        // For a client, Zenoh makes a single attempt, because `Link::open` repeats the attempts.
         set("connect/timeout_ms", if client { "0" } else { "-1" }.into())?;
         set("connect/exit_on_failure", client.to_string())?;
         set("scouting/multicast/enabled", "false".into())?;

@@ -44,7 +44,8 @@ impl Link {
         subscriber.wait().map(MessageStream).map_err(at_key("subscribing to", keys))
     }
 
-    /// Subscribes to liveliness: existing tokens first, then all changes.
+    /// Subscribes to liveliness. The stream starts with the existing tokens, followed by all
+    /// changes.
     pub fn subscribe_liveliness(&self, keys: &str) -> Result<MessageStream, LinkError> {
         let liveliness = self.session.liveliness();
         let subscriber =

@@ -32,7 +32,7 @@ const STEMS: [([&str; 3], &[&str]); 3] = [
 const TIME_STEMS: [&str; 5] = ["t", "time", "timestamp", "elapsed", "elapsedtime"];
 /// Minimum length of a name that follows its axis, as in `x_gyro`.
 const MIN_STEM_AFTER_AXIS: usize = 3;
-/// Maximum length of a name that is parsed, bytes. It limits the time spent on arbitrary text.
+/// Maximum length in bytes of a name that is parsed. It limits the time spent on arbitrary text.
 const MAX_NAME_BYTES: usize = 64;
 const AXES: [char; 3] = ['x', 'y', 'z'];
 /// Characters between the words of a name.
@@ -68,7 +68,7 @@ const OTHER_UNITS: [&str; 14] =
 pub(crate) struct HeaderName {
     /// Target of the column.
     pub(crate) target: &'static str,
-    /// Units in the name: after the last separator and in brackets.
+    /// Units found in the name, after the last separator and in brackets.
     pub(crate) units: Vec<&'static str>,
 }
 

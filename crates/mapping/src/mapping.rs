@@ -336,7 +336,7 @@ impl Mapping {
         self.columns.iter().map(|(target, column)| (*target, column.as_str()))
     }
 
-    /// Returns the period after which a time counter with `bits` bits wraps, ns. The counter has
+    /// Returns the period in ns after which a time counter with `bits` bits wraps. The counter has
     /// the unit of the mapped time.
     ///
     /// Returns `None` if `bits` is not within 1 to 63 or the period exceeds an `i64`.
@@ -362,7 +362,7 @@ impl Mapping {
         [VELOCITY_UP, VELOCITY_DOWN].into_iter().find(|[_, _, vertical]| self.column(vertical).is_some())
     }
 
-    /// Returns the velocity east, north, up, m/s, from the columns of [`Mapping::velocity`].
+    /// Returns the velocity in m/s (east, north, up) from the columns of [`Mapping::velocity`].
     pub fn velocity_m_s(&self, [east, north, vertical]: [f64; 3]) -> [f64; 3] {
         [east, north, if self.column(VELOCITY_DOWN[2]).is_some() { -vertical } else { vertical }]
     }
@@ -410,17 +410,17 @@ impl Mapping {
         }
     }
 
-    /// Returns the body rate, rad/s, right, forward, up, from the columns of [`RATE`].
+    /// Returns the body rate in rad/s (right, forward, up) from the columns of [`RATE`].
     pub fn rate_rad_s(&self, values: [f64; 3]) -> [f64; 3] {
         self.body().to_native(values.map(|part| part * self.units.rate.unwrap_or(1.0)))
     }
 
-    /// Returns the specific force, m/s², right, forward, up, from the columns of [`FORCE`].
+    /// Returns the specific force in m/s² (right, forward, up) from the columns of [`FORCE`].
     pub fn force_m_s2(&self, values: [f64; 3]) -> [f64; 3] {
         self.body().to_native(values.map(|part| part * self.units.force.unwrap_or(1.0)))
     }
 
-    /// Returns the magnetic field, µT, right, forward, up, from the columns of [`FIELD`].
+    /// Returns the magnetic field in µT (right, forward, up) from the columns of [`FIELD`].
     pub fn field_ut(&self, values: [f64; 3]) -> [f64; 3] {
         self.body().to_native(values.map(|part| part * self.units.field.unwrap_or(1.0)))
     }

@@ -110,8 +110,8 @@ macro_rules! layout_struct {
     };
 }
 
-/// Defines a payload. A payload that is not derived from a sample may define its time on the
-/// source's clock, ns, with `at (|message, rate_hz| …)`.
+/// Defines a payload. A payload that is not derived from a sample may define its time in ns on the
+/// source's clock with `at (|message, rate_hz| …)`.
 macro_rules! payload {
     ($(#[doc = $description:literal])* $name:ident = $type_name:literal at ($time_ns:expr) $fields:tt) => {
         $crate::layout::layout_struct! { $(#[doc = $description])* $name = $type_name $fields }

@@ -53,7 +53,8 @@ pub trait Message: bytemuck::Pod + core::fmt::Debug + Send + Sync {
     /// Returns the names, types and offsets of the fields.
     fn layout() -> Layout;
 
-    /// Returns the time of the message on the source's clock, ns, or `None` if it has no such time.
+    /// Returns the time of the message in ns on the source's clock, or `None` if it has no such
+    /// time.
     ///
     /// `rate_hz` is the tick rate, used by messages that carry only a tick.
     fn source_time_ns(&self, _rate_hz: f64) -> Option<i64> {

@@ -5,7 +5,7 @@ use std::{collections::HashMap, fs};
 use runtime::clock::cpu_time_ns;
 
 /// Samples the resource usage of processes. For each process, stores the time and the CPU time of
-/// its last sample, ns.
+/// its last sample in ns.
 #[derive(Debug, Default)]
 pub struct ProcessMonitor(HashMap<u32, (u64, u64)>);
 

@@ -88,7 +88,7 @@ fn write_rows<M: Message>(messages: &[M], writer: &mut impl Write) -> io::Result
     Ok(())
 }
 
-/// Returns the number of columns for a field: 1, or the length of an array.
+/// Returns the number of columns for a field, which is 1 or the length of its array.
 ///
 /// The result is 0 for the array of words in a checkpoint, because its length is not a literal in
 /// the layout.

@@ -16,7 +16,8 @@ use crate::{
     error::CollectorError,
 };
 
-/// Maximum number of references held until their attitudes arrive: twice the capacity of a topic.
+/// Maximum number of references held until their attitudes arrive. It is twice the capacity of a
+/// topic.
 const MAX_PENDING: usize = 2 * launch::MAX_TOPIC_MESSAGES;
 
 /// Largest latency recorded, ns. Larger latencies are counted as this value.
@@ -33,7 +34,7 @@ pub struct Collector {
     last: Option<AttitudeOutput>,
     /// Longest interval between two publications since the last call of `take_gap_ns`, ns.
     gap_ns: u64,
-    /// Tick of the last swap to another stage, and the attitude jump at that tick, rad.
+    /// Tick of the last swap to another stage, and the attitude jump in rad at that tick.
     last_swap: Option<(u64, f64)>,
     not_recorded: u64,
     lines: Option<AttitudeLines>,
@@ -191,7 +192,8 @@ impl Collector {
         std::mem::take(&mut self.gap_ns)
     }
 
-    /// Returns the tick of the last swap to another stage, and the attitude jump at that tick, rad.
+    /// Returns the tick of the last swap to another stage, and the attitude jump in rad at that
+    /// tick.
     pub fn last_swap(&self) -> Option<(u64, f64)> {
         self.last_swap
     }

@@ -80,7 +80,8 @@ impl Schedule {
         &self.warnings
     }
 
-    /// Returns the tick at which the flight ended, exclusive; `None` if its end was not recorded.
+    /// Returns the tick that follows the last tick of the flight; `None` if the end of the flight
+    /// was not recorded.
     pub fn end_tick(&self) -> Option<u64> {
         self.end_tick
     }

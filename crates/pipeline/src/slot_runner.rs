@@ -120,7 +120,8 @@ impl<S: SlotProcessor<Input: Clone>> ReplayedSlot<S> {
         Ok(())
     }
 
-    /// Starts a stage as its service did on the bus: from a checkpoint of another stage, or fresh.
+    /// Starts a stage as its service did on the bus, either from a checkpoint of another stage or
+    /// without one.
     fn activate(&mut self, instance: u32, activation: &StageActivation) -> Result<(), RuntimeError> {
         let Self { services, config, .. } = self;
         let stage_failed = |cause: String| RuntimeError::StageFailed { slot: S::SLOT, cause };

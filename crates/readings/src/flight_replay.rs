@@ -30,7 +30,7 @@ pub struct FlightReplay {
     rejected: u64,
 }
 
-/// Error: a range of readings is missing from the recording.
+/// Error for a range of readings that is missing from the recording.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 #[error(
     "replaying a flight: the recording lacks readings {from} to {until}; either it was not recorded by `plumb up --record`, or the recorder was too slow"

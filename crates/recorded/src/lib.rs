@@ -16,7 +16,7 @@ use proc_macro::TokenStream;
 
 /// Reason with which `cargo test` lists an ignored test.
 const REASON: &str = "needs recordings; see Suites in CONTRIBUTING.md";
-/// Number of folders above a package in which the recordings are searched for. The third folder
+/// Number of parent folders of a package that are searched for the recordings. The third folder
 /// above `crates/NAME` is the one that contains the workspace.
 const MAX_LEVELS: usize = 3;
 

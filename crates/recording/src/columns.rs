@@ -76,7 +76,7 @@ fn optional_group<const N: usize>(
     any.then(|| group_indices(names, group)).transpose()
 }
 
-/// Returns the field indices of a group of columns, all of which are required.
+/// Returns the field indices of a group of columns. Every column of the group is required.
 pub(crate) fn group_indices<const N: usize>(
     names: &[&'static str],
     group: &'static [&'static str; N],

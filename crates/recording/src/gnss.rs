@@ -173,7 +173,7 @@ impl Writer {
     }
 }
 
-/// Reads the complete file and returns the times of the first and the last fix, ns.
+/// Reads the complete file and returns the times of the first and the last fix, in ns.
 ///
 /// # Errors
 ///

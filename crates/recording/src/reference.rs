@@ -24,10 +24,10 @@ use crate::{
 
 const SCORED: &str = "mov";
 const KNOWN: [&str; 6] = ["t_s", "qw", "qx", "qy", "qz", SCORED];
-/// Longest interval between two rows across which the attitude is always interpolated, ns.
+/// Longest interval in ns between two rows across which the attitude is always interpolated.
 pub const MAX_GAP_NS: i64 = 200_000_000;
-/// Longest interval between two rows across which the attitude is interpolated if the rotation
-/// between them is small, ns. It allows for references at 1 Hz. Rows with such an interval are
+/// Longest interval in ns between two rows across which the attitude is interpolated if the
+/// rotation between them is small. It allows for references at 1 Hz. Rows with such an interval are
 /// called slow.
 const MAX_SLOW_GAP_NS: i64 = 1_100_000_000;
 /// Cosine of half the largest rotation across which slow rows are interpolated, which is 5°.
@@ -74,7 +74,7 @@ impl References {
         Ok(Self { table, is_calm, before: None, after, requested_ns: None })
     }
 
-    /// Returns the attitude at `t_ns`, at which the body rate is `rate_rad_s`.
+    /// Returns the attitude at `t_ns`. `rate_rad_s` is the body rate at that time.
     ///
     /// The attitude is interpolated across a gap of at most [`MAX_GAP_NS`]. Gaps of up to 1.1 s are
     /// interpolated if the rotation across the gap, and across 99 % of all such gaps, is less than
@@ -154,7 +154,7 @@ fn is_large_rotation(before: &Reference, after: &Reference) -> bool {
     cosine.abs() < MIN_HALF_ROTATION_COS
 }
 
-/// Rotates an attitude w, x, y, z by a rotation vector in body axes, rad. A rotation that is not
+/// Rotates an attitude (w, x, y, z) by a rotation vector in rad, body axes. A rotation that is not
 /// finite is ignored.
 pub fn rotated([w, x, y, z]: [f64; 4], rotation_rad: [f64; 3]) -> [f64; 4] {
     let angle = rotation_rad.iter().map(|part| part * part).sum::<f64>().sqrt();

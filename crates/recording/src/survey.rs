@@ -11,8 +11,8 @@ const MAX_INTERVALS: usize = 100_000;
 pub struct Survey {
     /// Number of rows.
     pub rows: u64,
-    /// Sampling rate, Hz: the inverse of the median of the first 100,000 positive intervals, times
-    /// the number of samples per stamp. A coarse clock gives several samples the same stamp.
+    /// Sampling rate, Hz. It is the inverse of the median of the first 100,000 positive intervals,
+    /// times the number of samples per stamp. A coarse clock gives several samples the same stamp.
     pub rate_hz: f64,
     /// `true` if any row has a reference attitude.
     pub has_reference: bool,

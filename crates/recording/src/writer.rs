@@ -51,9 +51,9 @@ impl Writer {
     ///
     /// # Errors
     ///
-    /// Returns [`RecordingError::InvalidRow`] if the row has a magnetic field or a reference for
-    /// which the layout has no columns, or a time out of range. Returns [`RecordingError::Write`]
-    /// if the file cannot be written.
+    /// Returns [`RecordingError::InvalidRow`] if the time of the row is out of range, or if the row
+    /// has a magnetic field or a reference for which the layout has no columns. Returns
+    /// [`RecordingError::Write`] if the file cannot be written.
     pub fn write(&mut self, row: &Row) -> Result<(), RecordingError> {
         self.rows += 1;
         self.validate(row)?;

@@ -30,7 +30,7 @@ pub fn sleep_until_ns(at_ns: u64, limit: Duration) {
     let _ = clock_nanosleep_absolute(rustix::thread::ClockId::Monotonic, &at);
 }
 
-/// Returns the processor time used so far by the live threads of a process, ns, or `None` if the
+/// Returns the processor time in ns used so far by the live threads of a process, or `None` if the
 /// process does not exist.
 pub fn cpu_time_ns(pid: u32) -> Option<u64> {
     let threads = fs::read_dir(format!("/proc/{pid}/task")).ok()?;

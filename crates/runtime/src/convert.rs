@@ -65,7 +65,7 @@ pub fn course_reference_to_payload(reference: course::CourseReference) -> Course
     }
 }
 
-/// Converts the payload code of a course reference. An unknown code counts as arbitrary.
+/// Converts the payload code of a course reference. An unknown code is converted to `Arbitrary`.
 pub fn course_reference_from_payload(reference: CourseReference) -> course::CourseReference {
     match reference {
         CourseReference::MAGNETIC => course::CourseReference::Magnetic,

@@ -225,8 +225,8 @@ impl<I: JoinInputs> Join<I> {
         }
     }
 
-    /// Creates a join that also emits ticks for which no input has a message, unless there are more
-    /// of them in a row than a topic holds messages.
+    /// Creates a join that also emits ticks for which no input has a message. A series of such
+    /// ticks is skipped if it is longer than the capacity of a topic.
     pub fn with_empty_ticks(inputs: I, lateness_ticks: u64) -> Self {
         Self { emits_empty_ticks: true, ..Self::new(inputs, lateness_ticks) }
     }

@@ -116,7 +116,7 @@ impl ServiceConfig {
         (self.buffer_ticks() as u64 / CHECKPOINTS_PER_BUFFER).max(1)
     }
 
-    /// Returns the shared memory that the topics need, bytes.
+    /// Returns the shared memory that the topics need, in bytes.
     ///
     /// The result leaves room for a restarted service. Its new topics exist in addition to those of
     /// its last incarnation.
@@ -141,7 +141,7 @@ impl ServiceConfig {
         self.launch.ingest.source.is_blocking() || self.pace != Pace::Speed(1.0)
     }
 
-    /// Returns the maximum lead of the source over its slowest subscriber, ticks.
+    /// Returns the maximum lead of the source over its slowest subscriber, in ticks.
     ///
     /// The limit is at most half the lateness, so a subscriber with two publishers does not give up
     /// one of them because of this lead. It is also at most half the capacity of a buffer.
@@ -186,7 +186,7 @@ const CHECKPOINTS_PER_BUFFER: u64 = 32;
 /// Maximum number of messages read from one input before the others are polled.
 const MAX_BATCH_SIZE: usize = 32;
 
-/// Minimum buffer size, messages. Without it, the buffer of a slow sensor would be too small for
+/// Minimum buffer size, in messages. Without it, the buffer of a slow sensor would be too small for
 /// the burst of messages after a stall.
 const MIN_BUFFER: usize = 256;
 

@@ -1,5 +1,4 @@
-//! Message processing of a slot, independent of clock and bus: messages in, messages out, in tick
-//! order.
+//! Message processing of a slot, in tick order and independent of clock and bus.
 
 use attitude::{
     resetting::ResettingStage,

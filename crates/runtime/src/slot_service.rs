@@ -123,7 +123,7 @@ impl<S: SlotProcessor> SlotService<S> {
             && gate.apply(decision, &mut |output| publish(with_flags(output, swapped_at, missed_at))).is_some()
     }
 
-    /// Returns a checkpoint if one is due: the state from which the next tick is computed.
+    /// Returns a checkpoint if one is due. It holds the state from which the next tick is computed.
     ///
     /// # Errors
     ///

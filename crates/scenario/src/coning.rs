@@ -33,7 +33,7 @@ impl Coning {
         core::f64::consts::TAU * self.frequency_hz
     }
 
-    /// Returns the attitude and the body rate, rad/s, at `t_s`.
+    /// Returns the attitude and the body rate in rad/s at `t_s`.
     pub(crate) fn at(self, t_s: f64) -> (Attitude, Vector3<f64>) {
         let frequency_rad_s = self.frequency_rad_s();
         let (sin, cos) = libm::sincos(frequency_rad_s * t_s);
@@ -44,7 +44,7 @@ impl Coning {
         (Attitude::from_quaternion(Quaternion::new(cos_half, sin_half * cos, sin_half * sin, 0.0)), rate_rad_s)
     }
 
-    /// Returns the integral of the body rate, rad, up to a constant.
+    /// Returns the integral of the body rate in rad, up to a constant.
     ///
     /// The difference between its values at two times is the angle that an integrating gyro
     /// measures between these times.

@@ -1,4 +1,5 @@
-//! Aircraft in cruise at about 50 m/s: turns of 2 to 3 °/s for 20 to 60 s, 60 to 180 s apart.
+//! Aircraft in cruise at about 50 m/s: turns of 2 to 3 °/s that last 20 to 60 s, with pauses of 60
+//! to 180 s.
 //!
 //! Airspeed V = 50 + 8 sin(2πt/240) + 2 sin(2πt/37) m/s. Roll = atan(V H'/g) + 1° sin(2πt/7.3),
 //! where the first term is the bank of a coordinated turn with the course rate H'. Pitch = 2° + 3°
@@ -135,7 +136,7 @@ impl FlightPlan {
         50.0 + 8.0 * libm::sin(TAU * t_s / 240.0 + self.phases[0]) + 2.0 * libm::sin(TAU * t_s / 37.0 + self.phases[1])
     }
 
-    /// Returns the course, rad, and its rate, rad/s, both clockwise positive.
+    /// Returns the course in rad and its rate in rad/s, both clockwise positive.
     fn course(&mut self, t_s: f64) -> (f64, f64) {
         // Beyond 40 time constants the logistic function equals its limit in double precision.
         let edge_duration_s = 40.0 * EDGE_TIME_CONSTANT_S;

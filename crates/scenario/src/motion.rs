@@ -60,7 +60,7 @@ impl Motion {
         Rotation::between(body.at(from_s).attitude, body.at(to_s).attitude)
     }
 
-    /// Returns the mean body rate from one time to another, rad/s: the reading of an integrating
+    /// Returns the mean body rate in rad/s from one time to another, as read by an integrating
     /// gyro.
     ///
     /// If the axis of rotation changes within the interval, the mean rate differs from the constant

@@ -26,7 +26,7 @@ impl Swing {
     }
 }
 
-/// Returns the attitude and the body rate, rad/s, at `t_s`. The rate follows from the derivatives
+/// Returns the attitude and the body rate in rad/s at `t_s`. The rate follows from the derivatives
 /// of the angles.
 pub(crate) fn at(swing: Swing, t_s: f64) -> (Attitude, Vector3<f64>) {
     let Swing { pitch_amplitude_rad: pitch_amplitude, roll_amplitude_rad: roll_amplitude } = swing;

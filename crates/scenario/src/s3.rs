@@ -14,7 +14,7 @@ pub const FIELD_UT: [f64; 3] = [0.0, 20.0, -44.0];
 /// Duration of the three turns, s.
 pub const DURATION_S: f64 = 3.0 * TAU;
 
-/// Returns the attitude and the body rate, rad/s, at `t_s`.
+/// Returns the attitude and the body rate in rad/s at `t_s`.
 pub(crate) fn at(t_s: f64) -> (Attitude, Vector3<f64>) {
     let rate_rad_s = match t_s {
         t if !(0.0..DURATION_S).contains(&t) => Vector3::zeros(),

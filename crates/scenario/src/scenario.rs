@@ -25,7 +25,7 @@ pub struct Scenario {
     pub rate_hz: f64,
     /// Duration, s.
     pub duration_s: f64,
-    /// Time from which attitude errors are scored, s. Before that, the estimators converge.
+    /// Time in s from which attitude errors are scored. Before that, the estimators converge.
     pub scored_from_s: f64,
     /// Seed of all random values.
     pub seed: u64,

@@ -3,7 +3,7 @@
 
 use attitude::{Vector3, rotation::Rotation, state::Attitude};
 
-/// Returns the body rate of the scenario `tumble`, rad/s: 500 °/s about (3, −2, 1).
+/// Returns the body rate of the scenario `tumble` in rad/s, which is 500 °/s about (3, −2, 1).
 ///
 /// The axis is 75° from the vertical, so the inclination reaches 149°.
 pub fn rate_rad_s() -> Vector3<f64> {

@@ -166,9 +166,9 @@ mod tests {
 
     /// Test values of NOAA NCEI and BGS, "WMM2020 Test Values" and "WMM2025 Test Values".
     ///
-    /// The values are the tables of the two reports (2025: table 6, doi 10.25923/prbc-s316) and six
-    /// entries of the list published with the coefficients of 2025. Columns: year, height in km,
-    /// latitude, longitude and declination in degrees.
+    /// The values come from the tables of the two reports (2025: table 6, doi 10.25923/prbc-s316)
+    /// and from six entries of the list published with the coefficients of 2025. Columns: year,
+    /// height in km, latitude, longitude and declination in degrees.
     const PUBLISHED: [(f64, f64, f64, f64, f64); 30] = [
         (2020.0, 0.0, 80.0, 0.0, -1.28),
         (2020.0, 0.0, 0.0, 120.0, 0.16),

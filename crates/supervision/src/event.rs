@@ -17,7 +17,7 @@ pub struct Config {
     pub rate_hz: f64,
     /// Lockstep mode: the source waits for its slowest subscriber.
     pub lockstep: bool,
-    /// Maximum lead of the source over the slowest subscriber in lockstep, ticks.
+    /// Maximum lead of the source over the slowest subscriber in lockstep, in ticks.
     pub window_ticks: u64,
     /// Number of messages a topic of the data path holds.
     pub buffer_ticks: u64,
@@ -130,7 +130,7 @@ pub struct OutputProgress {
     /// Longest interval between the publications of two consecutive attitudes since the previous
     /// report, ns.
     pub max_gap_ns: u64,
-    /// Last tick at which a different stage took over, and the attitude jump at that tick, rad.
+    /// Last tick at which a different stage took over, and the attitude jump in rad at that tick.
     pub last_swap: Option<(u64, f64)>,
 }
 

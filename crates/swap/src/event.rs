@@ -9,25 +9,25 @@ use crate::{OwnershipDecision, OwnershipStatus};
 /// Deadlines and limits of a swap.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 pub struct SwapLimits {
-    /// Timeout for the candidate to start and open its topics, ms.
+    /// Timeout in ms for the candidate to start and open its topics.
     pub ready_timeout_ms: u64,
-    /// Timeout for the candidate to catch up with the active stage, ms.
+    /// Timeout in ms for the candidate to catch up with the active stage.
     pub catch_up_timeout_ms: u64,
-    /// Time for which the candidate computes in parallel with the active stage before it takes
-    /// over, ms.
+    /// Time in ms for which the candidate computes in parallel with the active stage before it
+    /// takes over.
     pub shadow_ms: u64,
-    /// Timeout for the hand-over to be confirmed after the decision, ms.
+    /// Timeout in ms for the hand-over to be confirmed after the decision.
     pub commit_timeout_ms: u64,
-    /// Timeout for the active stage to resume ownership after a failed swap, ms. After that, the
+    /// Timeout in ms for the active stage to resume ownership after a failed swap. After that, the
     /// active stage is restarted.
     pub restore_timeout_ms: u64,
-    /// Longest time for which the previous stage keeps running after the swap is committed, ms. The
-    /// previous stage publishes nothing new, but subscribers that restart receive its history.
+    /// Longest time in ms for which the previous stage keeps running after the swap is committed.
+    /// The previous stage publishes nothing new, but subscribers that restart receive its history.
     pub linger_ms: u64,
-    /// Interval at which the stop request to a service is repeated until the service has exited,
-    /// ms.
+    /// Interval in ms at which the stop request to a service is repeated until the service has
+    /// exited.
     pub stop_retry_ms: u64,
-    /// Maximum lag at the hand-over, ticks. The limit applies to the lag of the candidate behind
+    /// Maximum lag at the hand-over, in ticks. The limit applies to the lag of the candidate behind
     /// the active stage and to the lag of the active stage behind its input.
     pub max_lag_ticks: u64,
     /// Number of ticks from the newest known tick to the first tick of the new owner.
@@ -40,21 +40,21 @@ pub struct SwapLimits {
 /// Request for a swap or a shadow.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Request {
-    /// Number of the request, which is repeated in its report.
+    /// ID of the request, which is repeated in its report.
     pub id: u64,
     /// Name of the requested stage.
     pub stage: String,
     /// `true` if the candidate only computes in parallel with the active stage until it is promoted
     /// or cancelled.
     pub shadow_only: bool,
-    /// Time by which the slot must have produced its first tick, ms; `u64::MAX` for a shadow.
+    /// Time in ms by which the slot must have produced its first tick; `u64::MAX` for a shadow.
     pub deadline_ms: u64,
     /// Number of earlier attempts that failed because the decision came too late.
     pub previous_attempts: u32,
 }
 
 impl SwapLimits {
-    /// Returns the margin after `previous_attempts` failed attempts, ticks.
+    /// Returns the margin in ticks after `previous_attempts` failed attempts.
     pub fn margin_ticks(&self, previous_attempts: u32) -> u64 {
         self.margin_ticks.saturating_mul(1 << previous_attempts.min(16))
     }
@@ -70,7 +70,7 @@ pub enum Event {
     Request(Request),
     /// Request for the shadow to take over.
     Promote {
-        /// Time by which the slot must have produced its first tick, ms.
+        /// Time in ms by which the slot must have produced its first tick.
         deadline_ms: u64,
     },
     /// The shadow is cancelled. A shadow that has been promoted in the meantime is kept.
@@ -187,7 +187,7 @@ pub enum Action {
 /// Result of a swap request.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Report {
-    /// Number of the request.
+    /// ID of the request.
     pub id: u64,
     /// Name of the requested stage.
     pub stage: String,
@@ -221,7 +221,7 @@ pub enum SwapOutcome {
 pub enum FailureReason {
     /// Another swap of the slot is in progress.
     Busy {
-        /// Number of the request for the other swap.
+        /// ID of the request for the swap in progress.
         id: u64,
     },
     /// The active stage is not running.

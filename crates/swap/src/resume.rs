@@ -15,8 +15,8 @@ pub enum Resume {
     Source {
         /// Next tick to publish.
         next_tick: u64,
-        /// Time on CLOCK_MONOTONIC at which the first tick was due, ns; 0 if no tick has been due
-        /// yet.
+        /// Time on CLOCK_MONOTONIC, in ns, at which the first tick was due; 0 if no tick has been
+        /// due yet.
         start_ns: u64,
         /// Timestamp of a published sample minus the sensor's own timestamp, ns.
         offset_ns: i64,

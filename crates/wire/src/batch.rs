@@ -1,4 +1,4 @@
-//! Batches of samples: `<Message>Batch` in the schema. Counts in the envelope reveal losses.
+//! Batches of samples, named `<Message>Batch` in the schema. Counts in the envelope reveal losses.
 
 use graph::Topic;
 use prost::{
@@ -16,7 +16,7 @@ use crate::{
 const ENVELOPE_FIELD: u32 = 1;
 /// Field number of the samples in every batch message.
 const SAMPLES_FIELD: u32 = 2;
-/// Maximum encoded size of an envelope: six 64-bit numbers, two enums, tag and length.
+/// Maximum encoded size of an envelope, for six 64-bit numbers, two enums, tag and length.
 const MAX_ENVELOPE_BYTES: usize = 74;
 
 /// Returns the fully qualified name of a message's batch type in the schema.

@@ -109,7 +109,7 @@ pub struct Encoder {
     count: u32,
 }
 
-/// Encoded message with the time on the source's clock, ns, or `None` if the message has no source
+/// Encoded message and its time in ns on the source's clock, or `None` if the message has no source
 /// time.
 type Encoded = (Vec<u8>, Option<i64>);
 

@@ -10,8 +10,8 @@ use messages::ImuSample;
 
 use super::Check;
 
-/// Maximum standard deviation of |f|, the magnitude of the specific force, at rest, m/s². It allows
-/// for vibration and the noise of common sensors.
+/// Maximum standard deviation at rest of |f|, the magnitude of the specific force, in m/s². It
+/// allows for vibration and the noise of common sensors.
 const MAX_FORCE_SD_M_S2: f64 = 0.3;
 /// Maximum change of the specific force at rest during the observation, as a share of its
 /// magnitude. It corresponds to a tilt of 0.9°.
@@ -21,7 +21,8 @@ const MAX_RATE_SD_RAD_S: f64 = 0.0175;
 /// Maximum mean rate at rest, rad/s (20 °/s). A larger rate indicates a steady turn or an unusable
 /// gyro.
 const MAX_REST_RATE_RAD_S: f64 = 0.35;
-/// Gyro bias above which a warning is reported, rad/s (2 °/s). Common sensors have a smaller bias.
+/// Gyro bias in rad/s above which a warning is reported (2 °/s). Common sensors have a smaller
+/// bias.
 const MAX_BIAS_RAD_S: f64 = 0.035;
 /// Minimum number of samples for a check.
 const MIN_SAMPLES: f64 = 50.0;
@@ -59,8 +60,8 @@ impl RunningSums {
         (self.squares / count - self.mean(count).powi(2)).max(0.0).sqrt()
     }
 
-    /// Returns the change from the first to the last of `count` samples: the least-squares slope
-    /// times `count`.
+    /// Returns the change from the first to the last of `count` samples, computed as the
+    /// least-squares slope times `count`.
     fn drift(&self, count: f64) -> f64 {
         12.0 * (self.index_products - self.sum * (count - 1.0) / 2.0) / (count * count - 1.0)
     }

@@ -10,10 +10,10 @@ use rustix::{
 
 use super::Check;
 
-/// Free shared memory below which a problem is reported, MiB. A system at 1 kHz uses 5 MiB. Three
+/// Free shared memory in MiB below which a problem is reported. A system at 1 kHz uses 5 MiB. Three
 /// times that amount allows for a higher rate or a second system.
 const MIN_SHARED_MEMORY_MIB: u64 = 16;
-/// Free shared memory below which a warning is reported, MiB. A system at 1 kHz uses 83 MiB if it
+/// Free shared memory in MiB below which a warning is reported. A system at 1 kHz uses 83 MiB if it
 /// has the maximum number of subscribers and all of them are as slow as possible. The remainder is
 /// a reserve.
 const AMPLE_SHARED_MEMORY_MIB: u64 = 128;

@@ -213,7 +213,8 @@ fn diagnostic_checks(status: &ServiceStatus) -> impl Iterator<Item = Check> {
     status.diagnostics.iter().map(check)
 }
 
-/// Returns a warning if another program publishes readings at a rate other than declared.
+/// Returns a warning if another program publishes readings at a rate that differs from the declared
+/// one.
 fn declared_rate_check(declared_hz: f64, measured_hz: f64) -> Option<Check> {
     let is_wrong = (measured_hz / declared_hz - 1.0).abs() > PROBLEM_RATE_ERROR;
     is_wrong.then(|| {

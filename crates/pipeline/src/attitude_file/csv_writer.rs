@@ -29,7 +29,7 @@ use crate::error::CollectorError;
 
 /// Path that stands for standard output.
 pub const STANDARD_OUTPUT: &str = "-";
-/// Size at which a batch of lines is sent to the writer thread, bytes.
+/// Size in bytes at which a batch of lines is sent to the writer thread.
 const BATCH_BYTES: usize = 8192;
 /// Maximum number of queued batches. They hold 32 MiB, which is several minutes of lines at 1 kHz.
 const MAX_BATCHES: usize = 4096;

@@ -29,8 +29,8 @@ use launch::{Fault, FaultKind, Sensor};
 use crate::source::Reading;
 use {delay_line::DelayLine, fault_rng::FaultRng};
 
-/// Longest step between timestamps that counts as elapsed time, ns. A longer step is a leap of the
-/// clock.
+/// Longest step in ns between timestamps that counts as elapsed time. A longer step is a leap of
+/// the clock.
 const MAX_STEP_NS: i64 = 10_000_000_000;
 
 /// Injector of all faults of a source.
@@ -188,8 +188,8 @@ impl FaultState {
         }
     }
 
-    /// Returns the reading at `until_ns`: the latest rate and force, and the newest magnetic field
-    /// and fix since the last call.
+    /// Returns the reading at `until_ns`. It has the newest rate and force, and the newest magnetic
+    /// field and fix since the last call.
     fn delayed(&mut self, until_ns: i64, delay_line: &DelayLine) -> Reading {
         let (readings, next) = delay_line.since(self.next_index);
         self.next_index = next;

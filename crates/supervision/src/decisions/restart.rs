@@ -24,8 +24,8 @@ const MIN_STALL: Duration = Duration::from_millis(100);
 /// Minimum time that a restarted external stage is given to start, as a share of `buffer_s`.
 ///
 /// An interpreter starts several times slower on a busy machine. Killing the stage earlier gains
-/// nothing, because the topics still hold its inputs, and the rest of `buffer_s` suffices for
-/// another start.
+/// nothing, because the topics still hold its inputs, and the remainder of `buffer_s` suffices for
+/// a further start.
 const EXTERNAL_START_SHARE: f64 = 0.75;
 
 /// Suggested `buffer_s` relative to the buffer time that the restart would have needed.

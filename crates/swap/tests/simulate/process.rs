@@ -45,7 +45,7 @@ pub(crate) enum ServiceMessage {
 /// Behaviour of a process.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Behaviour {
-    /// Time at which the process opens its topics, ms.
+    /// Time in ms at which the process opens its topics.
     pub(crate) ready_ms: u64,
     /// Number of ticks that the process can compute in 10 ms.
     pub(crate) ticks_per_10_ms: u64,

@@ -16,9 +16,9 @@ use crate::{
 /// Number of input ticks that a restarted or late process can still read.
 pub(crate) const INPUT_HISTORY_TICKS: u64 = 1500;
 pub(crate) const SUBSCRIBERS: usize = 2;
-/// Time after the last fault within which everything must settle, ms.
+/// Time in ms after the last fault within which everything must settle.
 const SETTLE_TIMEOUT_MS: u64 = 4000;
-/// Time within which the slowest stage must process its remaining input, ms.
+/// Time in ms within which the slowest stage must process its remaining input.
 const DRAIN_TIMEOUT_MS: u64 = 15_000;
 
 #[derive(Debug)]

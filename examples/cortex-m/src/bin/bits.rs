@@ -22,7 +22,7 @@ static GOLDEN: &str = include_str!("../../../../crates/ahrs/golden/broad.csv");
 /// Digests of the stage `vqf` with the mathematical functions of libm. [`GOLDEN`] has those with
 /// the functions of the standard library.
 static GOLDEN_LIBM: &str = include_str!("../../../../crates/ahrs/golden/vqf-libm.csv");
-/// Number of compared samples: 15 s at rest and 6 s of motion.
+/// Number of compared samples, which cover 15 s at rest and 6 s of motion.
 const SAMPLES: usize = 3000;
 
 fn filter(slot: Slot, stage: &str) -> Result<Ahrs<Fuser>, BuildError> {

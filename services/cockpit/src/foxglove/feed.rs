@@ -18,7 +18,7 @@ use crate::{foxglove::rate_limit::RateLimit, local_system::observed_topics, sour
 /// Maximum number of messages queued per client, enough for all messages of half a second. A client
 /// that falls further behind loses the oldest messages.
 const MAX_QUEUED_MESSAGES: usize = 512;
-/// Backward step of the publication time above which the system is considered restarted, ns. The
+/// Backward step in ns of the publication time, above which the system is considered restarted. The
 /// publication times of concurrent publishers differ by less.
 const RESTART_STEP_NS: u64 = 1_000_000_000;
 
