@@ -260,16 +260,17 @@ impl Mapping {
         UNITS.into_iter().filter(|(_, unit)| is_set(*unit)).map(|(name, _)| name).collect()
     }
 
-    /// Adopts the units in the column names for quantities without a unit in the mapping. Returns
-    /// the new mapping, and the names of the adopted units except default ones.
+    /// For each quantity without a unit in the mapping, adopts the unit given by its column names.
+    /// Returns the new mapping, and the names of the adopted units that differ from the default
+    /// ones.
     ///
     /// `names_of` returns the names of the columns that hold a target. `needs_time_unit` is `false`
     /// if the times are dates or times of day, which have no unit.
     ///
     /// # Errors
     ///
-    /// Returns an error if names of one quantity give different units, or if a name that is not a
-    /// default one gives no unit.
+    /// Returns an error if the column names of a quantity give different units, or if they give no
+    /// unit and one of them matches only as an alias.
     pub fn with_header_units<'a>(
         &self,
         names_of: impl Fn(&'static str) -> Vec<&'a str>,

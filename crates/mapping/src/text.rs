@@ -54,7 +54,7 @@ impl Separator {
     }
 
     /// Returns the fields of a row with `count` columns. A separator at the end of the line ends
-    /// the last field.
+    /// the last field instead of starting an empty one.
     pub fn row_fields(self, line: &str, count: usize) -> Vec<&str> {
         let mut fields = self.fields(line);
         if fields.len() == count + 1 && fields.last().is_some_and(|last| last.is_empty()) {
@@ -113,8 +113,8 @@ impl<'a> Line<'a> {
 }
 
 /// Returns `true` if `line` is a row of values. In such a row, at least two of the fields, and at
-/// least half of those that are not blank, are numbers or times. This need hold for only one of the
-/// separators.
+/// least half of those that are not blank, are numbers or times. It is enough that one of the
+/// separators yields such a row.
 pub fn is_row(line: &str) -> bool {
     Separator::ALL.into_iter().any(|separator| {
         let fields = separator.fields(line);

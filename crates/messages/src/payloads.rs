@@ -6,8 +6,8 @@ use crate::{
 };
 
 layout_struct! {
-    /// Origin of a message: its tick, which is the same from ingest to the last service, with time
-    /// and flags.
+    /// Origin of a message, with its time and flags. The tick is the same from ingest to the last
+    /// service.
     Header = "plumbline.Header.1" {
         /// Number assigned to the IMU sample by ingest, from 0, without gaps.
         tick: u64,
@@ -209,7 +209,7 @@ payload! {
         tick: u64,
         /// Source timestamp, ns.
         t_sensor_ns: i64,
-        /// Sample time minus source time before this reading, ns.
+        /// Sample time minus source time just before this reading was processed, ns.
         offset_ns: i64,
         /// Body rate, rad/s, sensor axes.
         rate_rad_s: [f64; 3],

@@ -1,10 +1,8 @@
 //! Recording of a running system to a file.
 //!
-//! Input: messages of the system's bus, read by an observer.
-//! Output: a flight.
-//! Time: [`SystemRecording::poll`] must be called every [`POLL_INTERVAL`].
-//! Failure: messages that the observer or the disk is too slow for are counted as missed. The
-//! system never waits.
+//! Input: messages of the system's bus, read by an observer. Output: a flight. Time:
+//! [`SystemRecording::poll`] must be called every [`POLL_INTERVAL`]. Failure: messages that are
+//! lost because the observer or the disk is too slow are counted as missed. The system never waits.
 
 use std::{
     path::Path,

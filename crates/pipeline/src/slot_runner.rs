@@ -1,4 +1,4 @@
-//! Runs a slot in one process, with its stages in sequence.
+//! Runs a slot in one process, one stage after another.
 //!
 //! Input: the number of each tick, followed by the slot's messages for that tick.
 //!

@@ -33,8 +33,8 @@ pub struct Sample {
     pub mag: Option<MagSample>,
     /// Fix, if one arrived and is valid.
     pub gnss: Option<GnssFix>,
-    /// True attitude of the body axes, derived from that of the sensor axes; `None` if the source
-    /// does not provide the latter.
+    /// True attitude of the body axes, derived from the source's attitude of the sensor axes;
+    /// `None` if the source does not provide the attitude.
     pub reference: Option<Truth>,
 }
 

@@ -1,4 +1,4 @@
-//! Reads and writes recordings of an inertial sensor: CSV, plain or gzip.
+//! Reads and writes recordings of an inertial sensor as CSV files, plain or compressed with gzip.
 //!
 //! Input: a file with one header line. Columns `t_s,gx,gy,gz,ax,ay,az` in s, rad/s, m/s²,
 //! optionally `mx,my,mz` in µT, `qw,qx,qy,qz` and `mov`, in any order.

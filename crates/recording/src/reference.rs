@@ -35,7 +35,7 @@ const MIN_HALF_ROTATION_COS: f64 = 0.999_048_221_581_857_8;
 
 /// Maximum number of rows read to decide whether slow rows are interpolated.
 const MAX_JUDGED_ROWS: usize = 10_000;
-/// Maximum share of large rotations between slow rows for these rows to be interpolated.
+/// Slow rows are interpolated only if at most this share of the rotations between them is large.
 ///
 /// If only the calm parts of a motion were interpolated, they would dominate the scored errors.
 const MAX_LARGE_ROTATION_SHARE: f64 = 0.01;

@@ -18,7 +18,7 @@ pub struct Survey {
     pub has_reference: bool,
 }
 
-/// Reads a complete recording and summarises it, which also detects malformed lines early.
+/// Reads a complete recording and summarises it. This also detects malformed lines early.
 ///
 /// # Errors
 ///

@@ -56,16 +56,16 @@ struct AgeingModel {
 const BIAS: AgeingModel = AgeingModel { random_walk: BIAS_WALK_RAD_S, power_cycle_sd: 1e-3, uninformative_sd: 0.003 };
 /// Ageing of the hard iron.
 ///
-/// The walk is 1 µT in three days, to allow for changes of load and cargo. An uncertainty of 5 µT
-/// makes the estimate useless, because in a horizontal magnetic field of 20 µT it corresponds to a
-/// heading error of 14°.
+/// The random walk is 1 µT in three days, to allow for changes of load and cargo. An uncertainty of
+/// 5 µT makes the estimate useless, because in a horizontal magnetic field of 20 µT it corresponds
+/// to a heading error of 14°.
 const HARD_IRON: AgeingModel = AgeingModel { random_walk: 0.002, power_cycle_sd: 0.0, uninformative_sd: 5.0 };
 
 /// Ageing of the gyro scale error.
 ///
 /// A fuser that has observed no rotation reports a standard deviation of 0.002. Such an estimate is
-/// not worth storing. The walk makes an estimate expire after at most 72 days, because the sensor
-/// may have been replaced by then.
+/// not worth storing. The random walk makes an estimate expire after at most 72 days, because the
+/// sensor may have been replaced by then.
 const SCALE: AgeingModel = AgeingModel { random_walk: 1.2e-6, power_cycle_sd: 0.0, uninformative_sd: 0.003 };
 /// Minimum standard deviation of a scale error from an earlier run. With a smaller value, the fuser
 /// would follow a temperature change of a few degrees too slowly.

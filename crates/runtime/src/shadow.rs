@@ -66,7 +66,8 @@ impl<O: Ticked + Comparable> ShadowComparison<O> {
         self.pending.push_back((output.header().tick, attitude));
     }
 
-    /// Compares ticks for which both outputs exist, and publishes the difference when it is due.
+    /// Compares the outputs of each tick for which both exist, and publishes the difference when it
+    /// is due.
     pub(crate) fn compare(&mut self) -> Result<(), RuntimeError> {
         let Self { owner, pending, sums, message, .. } = self;
         owner.drain(MAX_PENDING, |output| {

@@ -1,4 +1,4 @@
-//! Templates for user-defined stages: a working stage with a test, as a starting point.
+//! Templates for user-defined stages. Each is a working stage with a test, to start from.
 
 use std::{
     fs, io,

@@ -16,7 +16,7 @@ const NORM_TOLERANCE: f64 = 1e-6;
 pub(crate) trait Field<P>: Sized {
     fn to_proto(self) -> P;
     fn from_proto(value: P, field: &'static str) -> Result<Self, DecodeError>;
-    /// Returns an error if a validated message cannot contain this value.
+    /// Returns the value, or an error if a validated message cannot contain it.
     fn validated(self, _field: &'static str) -> Result<Self, DecodeError> {
         Ok(self)
     }

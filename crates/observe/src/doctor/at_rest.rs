@@ -1,4 +1,5 @@
-//! Checks of the sensors at rest: specific force f against gravity, and gyro rate against zero.
+//! Checks of the sensors at rest. They compare the specific force f with gravity, and the gyro rate
+//! with zero.
 //!
 //! - Input: a few seconds of samples.
 //! - Output: two checks.

@@ -125,7 +125,8 @@ impl PendingSwaps {
     /// Records the outcome reported by a slot's coordinator.
     ///
     /// The report concerns both the request for a shadow and the request for its promotion.
-    /// `last_stderr` is the end of the standard error of the slot's most recently exited process.
+    /// `last_stderr` is the last output on standard error of the slot's most recently exited
+    /// process.
     pub(crate) fn complete(&mut self, slot: Slot, report: &Report, last_stderr: &ForeignText, now_ms: u64) {
         let busy = matches!(report.reason, Some(FailureReason::Busy { .. }));
         let is_completed =

@@ -308,8 +308,8 @@ impl ProcessEntry {
 
     /// Extends the deadline of each silent process by the duration of a stall of the supervisor.
     ///
-    /// Each silence is extended only once, because on an overloaded machine the supervisor is late
-    /// repeatedly.
+    /// Each silence is extended only once. Otherwise a hung process would never time out on an
+    /// overloaded machine, on which the supervisor is late repeatedly.
     pub(crate) fn extend_deadlines(&mut self, stall: Duration) {
         let processes = self.owner.iter_mut().chain(&mut self.candidate);
         for process in processes.filter(|process| !process.stall_credited) {

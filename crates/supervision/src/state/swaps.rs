@@ -27,7 +27,7 @@ pub(crate) struct SlotState {
     pub(crate) owned_by_replacement: bool,
     pub(crate) attempt: Attempt,
     pub(crate) ready_reported: bool,
-    /// End of the standard error of the slot's most recently exited process.
+    /// Last output on standard error of the slot's most recently exited process.
     pub(crate) last_stderr: ForeignText,
 }
 

@@ -1,4 +1,4 @@
-//! Prints the size of a filter and the number of instructions of an update.
+//! Prints the size of a filter and the number of instructions per update.
 //!
 //!     cargo run --release --bin cost [--features STAGE]
 //!
