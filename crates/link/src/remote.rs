@@ -1,4 +1,4 @@
-//! The remote side of the network: subscriptions and queries to a vehicle.
+//! The remote side of the network, which subscribes to the messages of vehicles and sends queries.
 
 use std::time::{Duration, Instant};
 

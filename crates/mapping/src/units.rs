@@ -9,7 +9,7 @@ pub const FORCE: [&str; 3] = ["ax", "ay", "az"];
 /// Targets of the magnetic field.
 pub const FIELD: [&str; 3] = ["mx", "my", "mz"];
 
-/// Quantity that a unit measures, with the factor from the unit to the internal one.
+/// Quantity that a unit measures, with the factor that converts to the internal unit.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) enum Unit {
     Rate(f64),

@@ -94,8 +94,8 @@ pub struct FlowReport {
     /// Ticks that never reached the publisher; `None` for a topic that does not have a message on
     /// every tick.
     pub lost: Option<u64>,
-    /// Messages missed by this observer: overwritten in its buffer or lost on the network. `None`
-    /// if unknown.
+    /// Messages missed by this observer, because they were overwritten in its buffer or lost on the
+    /// network. `None` if unknown.
     pub missed: Option<u64>,
     /// Messages repeated by a restarted service.
     pub repeated: u64,

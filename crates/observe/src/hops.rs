@@ -1,6 +1,7 @@
 //! Latency of each service, from the timestamps in the messages.
 //!
-//! - Input: tick, birth and publication time of every message of the data path.
+//! - Input: tick, reception time of the sample and publication time of every message of the data
+//!   path.
 //! - Output: time from the publication of a service's latest input to the publication of its
 //!   output.
 //! - Time: CLOCK_MONOTONIC of the timestamps.
@@ -16,7 +17,8 @@ const RING_TICKS: usize = 4096;
 /// Upper bound of recorded latencies, ns. Longer latencies are recorded as this value.
 const MAX_LATENCY_NS: u64 = 60_000_000_000;
 
-/// Latency of each service, and end to end from the birth of a sample to its attitude.
+/// Latency of each service, and end to end from the reception of a sample to the publication of its
+/// attitude.
 #[derive(Debug)]
 pub struct HopLatencies {
     ring: Vec<PublishTimes>,
@@ -100,14 +102,14 @@ impl HopLatencies {
         self.newest[service as usize]
     }
 
-    /// Returns the latencies since the last call: per service, and end to end.
+    /// Returns the latencies since the last call, for each service and end to end.
     pub fn take_latencies(&mut self) -> ([Option<LatencyUs>; Service::PATH.len()], Option<LatencyUs>) {
         let by_service = Service::PATH.map(|service| self.by_service[service as usize].take());
         (by_service, self.end_to_end.take())
     }
 }
 
-/// Latency histogram, ns, which is emptied when it is read.
+/// Histogram of latencies in ns, which is emptied when it is read.
 #[derive(Debug)]
 pub struct LatencyHistogram(Histogram<u64>);
 

@@ -38,7 +38,7 @@ pub struct SystemSnapshot {
     pub system: String,
     /// Newest tick with an attitude.
     pub tick: Option<u64>,
-    /// Latency from the birth of a sample to the publication of its attitude, since the last
+    /// Latency from the reception of a sample to the publication of its attitude, since the last
     /// snapshot.
     pub latency_us: Option<LatencyUs>,
     /// Services and the supervisor.

@@ -32,7 +32,7 @@ pub struct Collector {
     digest: u64,
     flags: Flags,
     last: Option<AttitudeOutput>,
-    /// Longest interval between two publications since the last call of `take_gap_ns`, ns.
+    /// Longest interval in ns between two publications since the last call of `take_gap_ns`.
     gap_ns: u64,
     /// Tick of the last swap to another stage, and the attitude jump in rad at that tick.
     last_swap: Option<(u64, f64)>,
@@ -166,7 +166,7 @@ impl Collector {
         self.sequence.duplicated
     }
 
-    /// Returns the latencies from reception at ingest to publication of the attitude, ns.
+    /// Returns the latencies in ns from reception at ingest to publication of the attitude.
     pub fn latency_ns(&self) -> &Histogram<u64> {
         &self.latency_ns
     }

@@ -111,7 +111,7 @@ impl Schedule {
         }
     }
 
-    /// Records an owner change. It replaces all earlier decisions about the same tick and later
+    /// Records an owner change, which replaces all earlier decisions about its tick and later
     /// ticks.
     fn on_owner(&mut self, slot: Slot, event: &SystemEvent) {
         if event.filling == SystemEvent::NONE_U32 {
@@ -194,7 +194,7 @@ mod tests {
     #[test]
     fn decision_replaces_those_about_later_ticks() {
         // The first candidate is abandoned before it owns the slot. The second becomes the owner,
-        // and later a third.
+        // followed later by a third.
         let events = [owner(90, 1, (50, 0)), owner(90, 0, (0, 0)), owner(140, 2, (100, 0)), owner(300, 3, (250, 2))];
         let schedule = Schedule::from_events(&events);
         let fuser = schedule.slot(Slot::Fuser).unwrap();

@@ -1,4 +1,4 @@
-//! Raw readings of a flight: conversion of a reading to a message of the topic `reading`, and back.
+//! Converts raw readings to messages of the topic `reading`, and back.
 //!
 //! Missing values of a message are NaN.
 

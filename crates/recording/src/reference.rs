@@ -248,7 +248,7 @@ mod tests {
         assert!(yaw(149_000).is_some());
         assert_eq!([yaw(149_500), yaw(149_900)], [None, None], "a single large rotation");
         assert_eq!(yaw(150_000).map(f64::round), Some(60.0));
-        // If rotations are often large, the calm parts are not interpolated, either.
+        // If many rotations are large, even the calm parts are not interpolated.
         let mut rotating = slow(|row| f64::from(row / 2 * 20) + f64::from(row % 2));
         let mut yaw = |t_ms: i64, rate_deg_s: f64| {
             let rate_rad_s = [0.0, 0.0, rate_deg_s.to_radians()];

@@ -26,7 +26,7 @@ impl Decimator {
     pub fn accept(&mut self, t_ns: i64) -> bool {
         let Some(period_ns) = self.period_ns else { return true };
         let t_ns = t_ns as f64;
-        // If the time is long before the next due time, the source has restarted.
+        // A time long before the next due time means that the source has restarted.
         let due_ns = self.due_ns.filter(|due_ns| due_ns - t_ns <= 2.0 * period_ns).unwrap_or(t_ns);
         if t_ns < due_ns {
             return false;

@@ -54,8 +54,8 @@ pub struct OrderedStream<M> {
 impl<M: Ticked> OrderedStream<M> {
     /// Creates a stream that starts at `next_tick`. Ticks before `backlog_end` have been published.
     ///
-    /// A candidate waits longer for this backlog than an owner does: for half the capacity of a
-    /// topic. This is possible because no subscriber waits for a candidate.
+    /// A candidate waits longer for this backlog than an owner does, namely for half the capacity
+    /// of a topic. This is possible because no subscriber waits for a candidate.
     pub fn new(next_tick: u64, backlog_end: u64, config: &ServiceConfig) -> Self {
         let lateness_ticks = config.lateness_ticks() / 2;
         let patience_ticks = match config.role {

@@ -1,6 +1,6 @@
-//! Estimates of sensor errors from an earlier run, as far as they are still valid.
+//! Estimates of sensor errors from an earlier run, if they are still valid.
 //!
-//! - Input: a checkpoint of the slot `fuser`, with any stage.
+//! - Input: a checkpoint of the slot `fuser`, written by any stage.
 //! - Output: gyro bias, gyro scale error and hard iron, for any stage of the slot.
 //! - Time: the uncertainty grows with age.
 //! - Failure: invalid values are left out.

@@ -1,4 +1,4 @@
-//! Creation of the stage of a slot from the launch file.
+//! Creates the stage of a slot from the launch file.
 
 use std::time::Duration;
 

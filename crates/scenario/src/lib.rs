@@ -11,7 +11,7 @@
 //!
 //! | scenario | motion |
 //! | --- | --- |
-//! | [`s1`] | pitch 25° and roll 30° at 0.05 Hz, yaw 1 °/s: reference of Matveev 2025 |
+//! | [`s1`] | reference scenario of Matveev 2025: pitch 25°, roll 30° at 0.05 Hz; yaw 1 °/s |
 //! | [`tumble`] | 500 °/s about an axis oblique to all body axes, through the inverted attitude |
 //! | [`s3`] | one full turn about each axis in sequence, with a magnetic field |
 //! | [`coning`] | classical coning, without sensor errors |

@@ -231,7 +231,7 @@ impl Scenario {
         if self.rate_kind == RateKind::Mean { sensors.with_integrating_gyro() } else { sensors }
     }
 
-    /// Returns the readings from time 0 to the end, each with its time, s.
+    /// Returns the readings from time 0 to the end, each with its time in s.
     pub fn readings(&self) -> impl Iterator<Item = (f64, Reading)> + use<> {
         let (mut sensors, rate_hz) = (self.sensors(), self.rate_hz);
         let count = libm::round(self.duration_s * rate_hz) as u64;

@@ -1,5 +1,5 @@
-//! Checks that rates match attitudes, that forces match velocities and that readings are determined
-//! by their seeds.
+//! Checks that rates match attitudes, that forces match velocities and that the seed determines the
+//! readings.
 #![allow(clippy::unwrap_used, reason = "tests")]
 
 use attitude::{GRAVITY_M_S2, Vector3, gnss::Fix, rotation::Rotation, state::Attitude};

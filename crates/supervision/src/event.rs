@@ -61,7 +61,7 @@ pub enum Event {
     Health(Health),
     /// A service has published a checkpoint.
     Checkpoint(Box<Checkpoint>),
-    /// A shadow has published its difference from the owner of the slot.
+    /// A shadow has published the difference between its attitude and that of the slot's owner.
     Difference(Difference),
     /// A service has published messages.
     Published {
@@ -127,8 +127,8 @@ pub struct OutputProgress {
     pub not_recorded: u64,
     /// Number of attitudes published more than once.
     pub duplicated: u64,
-    /// Longest interval between the publications of two consecutive attitudes since the previous
-    /// report, ns.
+    /// Longest interval in ns between the publications of two consecutive attitudes since the
+    /// previous report.
     pub max_gap_ns: u64,
     /// Last tick at which a different stage took over, and the attitude jump in rad at that tick.
     pub last_swap: Option<(u64, f64)>,

@@ -3,7 +3,7 @@
 //! - Input: events, each with the supervisor's time, which never decreases.
 //! - Output: actions.
 //! - Failure: until a swap is committed, every failure returns the slot to the active stage under a
-//!   new decision. After the commitment, the candidate is an ordinary owner. If the active stage
+//!   new decision. Once it is committed, the candidate is an ordinary owner. If the active stage
 //!   itself has exited, the new stage starts in its place, as in a restart.
 
 mod handover;

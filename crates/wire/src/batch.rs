@@ -27,7 +27,7 @@ pub fn batch_name<M: Payload>() -> String {
 /// Encodes samples as fields of a batch. [`encode_batch`] adds the envelope.
 pub fn encode_samples<'m, M: Payload + 'm>(messages: impl IntoIterator<Item = &'m M>) -> Vec<u8> {
     let messages = messages.into_iter();
-    // The capacity is an estimate: a message has about the same size in protobuf as on the bus.
+    // The capacity is estimated from the size on the bus, which is about the same as in protobuf.
     let mut bytes = Vec::with_capacity(messages.size_hint().0 * (size_of::<M>() + 16));
     messages.for_each(|message| encoding::message::encode(SAMPLES_FIELD, &message.to_proto(), &mut bytes));
     bytes

@@ -1,10 +1,9 @@
-//! Reduction of messages to what the page shows: the newest message of each topic and the range of
-//! each quantity.
+//! Reduces messages to what the page shows, which is the newest message of each topic and the range
+//! of each quantity.
 //!
-//! Input: every message.
-//! Output: a snapshot of the messages since the previous snapshot.
-//! Memory: bounded. If there are too many events, the newest are kept.
-//! Failure: malformed messages and non-finite values are ignored.
+//! Input: every message. Output: a snapshot of the messages since the previous snapshot. Memory:
+//! bounded. If there are too many events, the newest are kept. Failure: malformed messages and
+//! non-finite values are ignored.
 
 use graph::Topic;
 use messages::{
@@ -171,7 +170,7 @@ impl Decimator {
     }
 }
 
-/// Returns the angle of the rotation between two attitudes, rad, 0 to π.
+/// Returns the angle of the rotation between two attitudes, from 0 to π rad.
 fn angle_rad(a: [f64; 4], b: [f64; 4]) -> f64 {
     // Scalar and vector part of the relative rotation. The norm of the vector part remains accurate
     // for small angles.

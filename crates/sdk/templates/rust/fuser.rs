@@ -19,7 +19,7 @@ use attitude::{
 /// Reported standard deviation of the inclination, rad. It is fixed, because the stage does not
 /// estimate it.
 const INCLINATION_SD_RAD: f64 = 0.1;
-/// Standard deviation of the heading, rad. It is π, because the heading is unknown.
+/// Standard deviation of the heading, rad. The value π means that the heading is unknown.
 const HEADING_SD_RAD: f64 = std::f64::consts::PI;
 
 settings! {

@@ -50,7 +50,7 @@ impl Flow {
         self.stop_requested = true;
     }
 
-    /// Returns `true` from the first credit until the end, except while the bus is renewed.
+    /// Returns `true` from the first credit until the end, except while the bus is being renewed.
     pub(crate) fn is_running(&self) -> bool {
         matches!(self.phase, Phase::Running | Phase::Stopping)
     }

@@ -10,7 +10,7 @@ use crate::OutputProgress;
 /// Number of ticks after the commit tick that count towards the longest interval between attitudes
 /// in the swap report.
 const TICKS_AFTER_COMMIT: u64 = 50;
-/// Time limit for the attitudes after the commit tick to arrive, ms.
+/// Time limit in ms for the attitudes after the commit tick to arrive.
 const COMMIT_WAIT_TIMEOUT_MS: u64 = 500;
 
 /// Swap requests in progress. A committed swap remains until the attitudes after its commit tick

@@ -22,7 +22,7 @@ pub(crate) struct WatchRunner {
     pub(crate) rule: PromotionRule,
     pub(crate) shadow: Option<u64>,
     pub(crate) takeover: Option<u64>,
-    /// Swap reports, received since the previous poll, that answer requests of this watch.
+    /// Swap reports for requests of this watch, received since the previous poll.
     pub(crate) reports: Vec<(u64, SwapReport)>,
     pub(crate) attempts: u32,
     pub(crate) next_attempt: Duration,
@@ -37,7 +37,7 @@ pub(crate) struct PromotionRule {
     /// Set while the watched stage fills the slot.
     pub(crate) is_promoted: bool,
     pub(crate) promotions: u64,
-    /// Tick time since which the current bound has been met without interruption, s.
+    /// Tick time in s since which the current bound has been met without interruption.
     pub(crate) bound_met_since_s: Option<f64>,
     pub(crate) ended: bool,
 }

@@ -97,7 +97,7 @@ impl Swap {
         (self.state, self.state_since_ms) = (state, now_ms);
     }
 
-    /// Returns `true` before the commitment. Until then, the active stage can keep or resume
+    /// Returns `true` before the swap is committed. Until then, the active stage can keep or resume
     /// ownership of the slot.
     pub(super) fn is_open(&self) -> bool {
         !matches!(self.state, SwapState::Committed { .. } | SwapState::Retiring { .. })
