@@ -558,7 +558,7 @@ payload! {
         tick: u64,
         /// Number of ticks.
         ticks: u64,
-        /// Next tick after the adopted state.
+        /// Tick immediately after the adopted state.
         adopted_tick: u64,
         /// Kind of the event.
         kind: EventKind,
