@@ -209,7 +209,7 @@ payload! {
         tick: u64,
         /// Source timestamp, ns.
         t_sensor_ns: i64,
-        /// Sample time minus source time just before this reading was processed, ns.
+        /// Sample time minus source time in ns, as determined from the readings before this one.
         offset_ns: i64,
         /// Body rate, rad/s, sensor axes.
         rate_rad_s: [f64; 3],
