@@ -70,8 +70,8 @@ pub(crate) fn colored_results(lines: &dyn Display, indent: usize) -> String {
     colored.collect::<Vec<_>>().join("\n")
 }
 
-/// Wraps lines at the width of the terminal, except remedies, because their commands are pasted.
-/// Text that is not for a terminal is unchanged.
+/// Wraps lines at the width of the terminal. Remedies are not wrapped, because users copy and paste
+/// the commands in them. Text that is not for a terminal is unchanged.
 fn wrapped(text: &str, indent: usize) -> String {
     let terminal = Term::stdout();
     if !terminal.is_term() {

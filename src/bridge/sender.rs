@@ -129,8 +129,8 @@ impl AidingTopic {
         Self { late: LateTopic::new(topic), next_tick: 0 }
     }
 
-    /// Passes new messages to `on_message`, in tick order and without those that a restarted
-    /// service published again.
+    /// Passes new messages to `on_message`, in tick order. Skips messages that a restarted service
+    /// published again.
     fn drain<M: Ticked>(&mut self, observer: &Observer, on_message: &mut dyn FnMut(&M)) -> Result<(), BusError> {
         let Self { late, next_tick } = self;
         let Some(tap) = late.tap(observer)? else { return Ok(()) };

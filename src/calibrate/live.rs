@@ -23,7 +23,7 @@ const DEFAULT_TIMEOUT: Duration = Duration::from_secs(300);
 const UPDATE_INTERVAL: Duration = Duration::from_millis(200);
 /// Interval between two attempts to compute the result once the coverage is complete.
 const ATTEMPT_INTERVAL: Duration = Duration::from_secs(2);
-/// Timeout for a topic that is not open yet.
+/// Maximum wait for a topic to be opened.
 const OPEN_TIMEOUT: Duration = Duration::from_secs(10);
 
 /// Error of a calibration from a running system.

@@ -1,4 +1,4 @@
-//! Figure of the Allan deviations of a unit at rest.
+//! Figure of the Allan deviations of a sensor unit at rest.
 
 use std::{fs, io, ops::Range, path::Path};
 

@@ -2,7 +2,7 @@
 //!
 //! Input: messages for the page, and the calibration requests of viewers.
 //! Output: for each viewer, the messages after its `Cursor`. A new viewer first receives the
-//! status, the events so far and the snapshots of the last minute, then all snapshots since.
+//! status, the events so far and the snapshots of the last minute, then every later snapshot.
 //! Time: a new viewer receives every snapshot for `CATCH_UP_TIME`.
 //! Failure: a viewer that is too slow misses snapshots. Nothing waits for a viewer.
 
@@ -21,8 +21,8 @@ use wire::{
 
 use crate::{calibration::CalibrationRequest, decimator::MAX_EVENTS};
 
-/// Maximum number of snapshots by which a viewer may be late, a quarter of a second. A viewer that
-/// falls further behind continues with the newest snapshot.
+/// Maximum number of snapshots by which a viewer may be late. They span a quarter of a second. A
+/// viewer that falls further behind continues with the newest snapshot.
 const MAX_LATE_SNAPSHOTS: usize = 8;
 /// Time for which a new viewer receives every snapshot, however late it is. The snapshots of the
 /// last minute take about 2 MB, and a page is busy while it loads.
@@ -31,8 +31,8 @@ const CATCH_UP_TIME: Duration = Duration::from_secs(10);
 /// Time for which snapshots are kept for new viewers. It equals the time span of the strip charts
 /// on the page.
 const HISTORY: Duration = Duration::from_secs(60);
-/// Maximum size of the snapshots that are kept, bytes: twice the size of an ordinary minute of
-/// snapshots.
+/// Maximum total size of the kept snapshots, in bytes. An ordinary minute of snapshots takes at
+/// most half of it.
 const MAX_HISTORY_BYTES: usize = 8 << 20;
 
 /// Messages for the viewers.
@@ -52,12 +52,12 @@ pub struct Hub {
 #[derive(Debug, Default)]
 struct Backlog {
     latest: LatestState,
-    /// Number of the newest status.
+    /// Sequence number of the newest status.
     status_number: u64,
     calibration: Option<Calibration>,
     /// Launch-file sections with the result of `calibration`; `None` without a result.
     sections: Option<String>,
-    /// Number of the newest progress report of a calibration.
+    /// Sequence number of the newest progress report of a calibration.
     calibration_number: u64,
     events: VecDeque<SystemEvent>,
     history: History,
@@ -68,7 +68,7 @@ struct Backlog {
 struct History {
     snapshots: VecDeque<Snapshot>,
     bytes: usize,
-    /// Number of the next snapshot.
+    /// Sequence number of the next snapshot.
     next: u64,
 }
 
@@ -86,12 +86,12 @@ struct Snapshot {
 /// Position of a viewer in the messages of a hub.
 #[derive(Debug)]
 pub(crate) struct Cursor {
-    /// Number of the status received last.
+    /// Sequence number of the last status received.
     status: Option<u64>,
     has_earlier_events: bool,
-    /// Number of the calibration report received last.
+    /// Sequence number of the last calibration report received.
     calibration: u64,
-    /// Number of the next snapshot.
+    /// Sequence number of the next snapshot.
     snapshot: u64,
     /// Time until which the viewer receives every snapshot.
     catches_up_until: Instant,
@@ -311,7 +311,8 @@ mod tests {
         }
         let (mut cursor, _) = hub.subscribe();
         let numbers: Vec<_> = receive(&hub, &mut cursor).iter().skip(1).map(|picture| picture.number).collect();
-        // 60 s are 1818 snapshots, half of which have data. The newest ones are sent in any case.
+        // The last 60 s contain 1818 snapshots. Every second one has data and is kept, and so are
+        // the newest eight.
         let expected: Vec<_> = (1180..3000).filter(|number| number % 2 == 0 || *number >= 2992).collect();
         assert_eq!(numbers, expected);
         let mut history = History::default();
@@ -325,7 +326,7 @@ mod tests {
         let hub = Hub::default();
         (0..500).for_each(|number| hub.publish_snapshot(with_data(number)));
         let (mut cursor, _) = hub.subscribe();
-        // While the history is sent, more snapshots arrive than a viewer may be late.
+        // While the history is sent, more new snapshots arrive than `MAX_LATE_SNAPSHOTS`.
         let (mut received, mut next) = (Vec::new(), 500);
         while let Some(message) = hub.next_message(&mut cursor) {
             received.extend(picture(&message));

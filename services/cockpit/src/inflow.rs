@@ -26,18 +26,19 @@ use tokio::{
 
 /// Maximum size of a viewer's command and of a Foxglove client's request, bytes.
 pub(crate) const MAX_MESSAGE_BYTES: usize = 4096;
-/// Maximum number of bytes of an incomplete message. Framing of a message that is not fragmented
-/// takes 8 bytes; the rest is a margin for clients that fragment.
+/// Maximum number of bytes of an incomplete message. The framing of an unfragmented message takes 8
+/// bytes. The remaining margin is for clients that fragment their messages.
 const MAX_PARTIAL_BYTES: usize = 2 * MAX_MESSAGE_BYTES;
 /// Bytes that a client may send at once: the requests for the page and for a recording.
 const BURST_BYTES: usize = 64 * 1024;
-/// Maximum sustained rate of received bytes, 1/s: about 5000 of the smallest frames.
+/// Maximum sustained rate of received data, in bytes per second. It corresponds to about 5000 of
+/// the smallest frames per second.
 const RATE_PER_S: usize = 32 * 1024;
 /// Maximum number of bytes per read, so that no client delays the others.
 const MAX_READ_BYTES: usize = 4096;
 /// Delay of a client that has sent too much.
 const DELAY: Duration = Duration::from_millis(100);
-/// Framing of a ping or pong, bytes: two of header and four of mask.
+/// Framing of a ping or pong, in bytes: a header of two bytes and a mask of four.
 const CONTROL_FRAMING_BYTES: usize = 6;
 
 /// Count of the bytes of a client's incomplete message.

@@ -138,7 +138,7 @@ pub fn run() -> Result<(), CockpitError> {
 
 /// Publishes the snapshots and the status of a source until `should_continue` returns `false`.
 ///
-/// `should_continue` is called before each snapshot with the number of snapshots so far.
+/// `should_continue` is called before each snapshot with the number of snapshots published so far.
 ///
 /// # Errors
 ///

@@ -19,7 +19,7 @@ use crate::token::{Role, Tokens};
 const MAX_BYTES: u64 = 64 << 10;
 /// Maximum number of lines.
 const MAX_LINES: usize = 200;
-/// Text in place of a token.
+/// Text that replaces a token.
 const HIDDEN: &str = "(token)";
 
 /// Error when reading the log.

@@ -3,9 +3,9 @@
 //!
 //! Input: the address of each client, the use of its connection and the role that its token grants.
 //! Output: a place, or an error if the places of its class are taken.
-//! Failure: a class without a token admits every newcomer. If its places are taken, the oldest
-//! client of the address that occupies the most places is displaced. A newcomer therefore always
-//! has time to present a token.
+//! Failure: a class of clients without a token admits every newcomer. If all its places are taken,
+//! a newcomer displaces the oldest client of the address that occupies the most places. A newcomer
+//! therefore always has time to present a token.
 
 use std::{
     collections::BTreeMap,
@@ -63,7 +63,8 @@ fn limits((usage, role): Class) -> Limits {
         #[cfg(feature = "foxglove")]
         (Use::Foxglove, _) => (8, 8),
     };
-    // A Foxglove client cannot present a token after the connection is established.
+    // A newcomer displaces another client so that it can present a token. A Foxglove client cannot
+    // present one after the connection is established, so it displaces no other client.
     let displaces = role.is_none() && matches!(usage, Use::Requests | Use::Viewer);
     Limits { total, per_address, displaces }
 }
@@ -113,7 +114,7 @@ impl Places {
         let class = (Use::Requests, None);
         let occupant = Occupant { network: network(address), class, displaced: displaced.clone() };
         let mut occupants = self.occupants();
-        // A class without a token always has room.
+        // A class of clients without a token always has room.
         let _ = occupants.make_room(occupant.network, class);
         let entry = Mutex::new(occupants.insert(occupant));
         drop(occupants);

@@ -93,8 +93,7 @@ impl RecordingBuilder {
         self.recording
     }
 
-    /// Closes the snapshots that end at or before `t_ns`. The number of snapshots bounds the loop,
-    /// because the end of a snapshot saturates at the largest time.
+    /// Closes the snapshots that end at or before `t_ns`, up to the maximum number of snapshots.
     fn close_snapshots_until(&mut self, t_ns: i64) {
         let span_ns = u64::try_from(i128::from(t_ns) - i128::from(self.recording.t_first_ns)).unwrap_or(0);
         let count = (span_ns / self.interval_ns.unsigned_abs()).min(MAX_SNAPSHOTS) as usize;

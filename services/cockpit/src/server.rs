@@ -256,8 +256,8 @@ async fn serve(listener: tokio::net::TcpListener, tls: Option<TlsAcceptor>, rout
             };
             place.hold(serve).await;
         });
-        // The requests that have arrived are received before further connections can displace their
-        // clients.
+        // Requests that have already arrived are received first, before further connections can
+        // displace their clients.
         tokio::task::yield_now().await;
     }
 }
@@ -330,8 +330,8 @@ async fn serve_viewer(mut socket: WebSocket, state: &ServerState, uri: &Uri, pla
     }
     let open_view = || state.view(uri, ViewUse::of_viewer(place.role()));
     let mut view = open_view();
-    // All views for clients without a token may be in use. A page that has a token sends it in its
-    // first message.
+    // If all views for clients without a token are in use, a page with a token can still get a
+    // view, because it sends the token in its first message.
     if view.is_err() && place.role().is_none() && socket::receive_token(&mut socket, tokens, place).await.is_ok() {
         view = open_view();
     }

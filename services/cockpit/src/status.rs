@@ -43,7 +43,7 @@ struct SupervisorReport {
     recording: Option<Recording>,
     /// Number of queries started.
     queries_started: u64,
-    /// Number of the query that this result belongs to.
+    /// Sequence number of the query that returned this result.
     query: u64,
 }
 
@@ -62,8 +62,8 @@ struct Measurements {
 pub(crate) struct StatusMonitor {
     report: Arc<Mutex<SupervisorReport>>,
     poller: Thread,
-    /// Number of the newest query that was started before the last event. Its result may be
-    /// outdated. `None` once the status contains the result of a later query.
+    /// Sequence number of the newest query that was started before the last event. Its result may
+    /// be outdated. `None` once the status contains the result of a later query.
     outdated_query: Option<u64>,
     takes_commands: bool,
     hops: HopLatencies,

@@ -27,14 +27,14 @@ use crate::{
 const BAUD_RATES: [u64; 7] = [115_200, 9_600, 921_600, 460_800, 57_600, 230_400, 38_400];
 /// Time for which a port is read at one baud rate. A receiver sends at least once per second.
 const LISTENING_TIME: Duration = Duration::from_millis(1_500);
-/// Maximum time that a port takes.
+/// Maximum time spent on one port.
 pub const MAX_PORT_TIME: Duration = Duration::from_millis(1_500 * BAUD_RATES.len() as u64 + 500);
 /// Timeout of each read within the listening time.
 const READ_TIMEOUT: Duration = Duration::from_millis(20);
 /// Maximum number of bytes that are kept per baud rate.
 const MAX_BYTES: usize = 1 << 20;
-/// Minimum number of measurements for recognising a format. Bytes of another format are not
-/// mistaken for this many valid messages by chance, even if the format has no checksum.
+/// Minimum number of measurements for recognising a format. Even in a format without a checksum,
+/// bytes of another format do not happen to form this many valid messages.
 const MIN_MEASUREMENTS: usize = 5;
 /// Minimum number of messages for recognising a receiver. Its messages have checksums.
 const MIN_RECEIVER_MESSAGES: u64 = 1;
@@ -97,9 +97,10 @@ pub struct DetectedDevice {
     pub baud: u64,
     /// Measured sample rate, Hz. `None` if there were too few measurements.
     pub rate_hz: Option<f64>,
-    /// Sensors of the received measurements.
+    /// Sensors that the received measurements come from.
     pub sensors: Vec<&'static str>,
-    /// Sensor axis that points up, such as "+z". `None` without a specific force of about 1 g.
+    /// Sensor axis that points up, such as "+z". `None` unless the specific force is about 1 g and
+    /// mostly along one axis.
     pub up_axis: Option<&'static str>,
     /// Value for the option that selects the source or receiver on the command line.
     pub line: String,
@@ -146,7 +147,8 @@ fn listen_at_all_rates(path: &Path) -> Finding {
         };
         let bytes: usize = chunks.iter().map(|(_, bytes)| bytes.len()).sum();
         if bytes == 0 {
-            // A device that sends anything yields bytes at any baud rate.
+            // A device that sends anything yields bytes at any baud rate, so no other baud rate is
+            // tried.
             return fallback.unwrap_or(Finding::Silent);
         }
         if let Some(device) = recognise(path, baud, &chunks) {
@@ -305,7 +307,8 @@ fn describe(
 /// Returns the rate of the measurements according to their arrival times, Hz.
 fn rate_hz(measurements: &[&(Duration, Measurement)]) -> Option<f64> {
     let (first, last) = (measurements.first()?.0, measurements.last()?.0);
-    // Bytes of several measurements arrive together, so the first group is not counted.
+    // Several measurements may arrive together. Those with the first arrival time mark the start of
+    // the interval and are not counted.
     let counted = measurements.iter().filter(|(arrival, _)| *arrival > first).count();
     let seconds = (last - first).as_secs_f64();
     (counted >= MIN_MEASUREMENTS && seconds > 0.0).then(|| counted as f64 / seconds)
@@ -365,7 +368,7 @@ impl Units {
         let found = forces.into_iter().find(|(_, unit_m_s2)| is_near(*unit_m_s2));
         let (force, force_m_s2) = found.unwrap_or(("m/s2", 1.0));
         let time = time_unit(measurements);
-        // Devices that report the force in g report the rate in °/s.
+        // Devices that report the force in g usually report the rate in °/s.
         let rate = if found.is_some() { "deg/s" } else { "rad/s" };
         (found.is_some() || time != "s").then_some(Self { time, force, force_m_s2, rate })
     }

@@ -40,8 +40,8 @@ const CLOCK: &str = "clock";
 const WINDOW_S: usize = 10;
 /// Time without bytes after which an open device counts as silent, s.
 const SILENCE_S: usize = 3;
-/// Minimum number of bytes without a valid message for reporting a wrong format or baud rate. The
-/// number is many times the length of a typical message.
+/// Number of bytes without a valid message at which a wrong format or baud rate is reported. It is
+/// many times the length of a typical message.
 const FORMAT_BYTES: u64 = 1024;
 /// Minimum number of received messages without a measurement at which a problem is reported.
 const MIN_MESSAGES: u64 = 100;
@@ -62,9 +62,9 @@ pub(crate) enum RateCheck {
     /// Measurements may arrive at any rate.
     #[default]
     None,
-    /// The rate is declared, Hz.
+    /// Declared rate, Hz.
     Declared(f64),
-    /// No rate is declared. The buffers are dimensioned for the given rate, Hz.
+    /// No rate is declared. The buffers are sized for the given rate, Hz.
     AtMost(f64),
 }
 
@@ -226,8 +226,8 @@ impl DeviceMonitor {
     /// Returns `true` if measurements arrived in each of the last [`SILENCE_S`] seconds, but fewer
     /// than `min_hz`.
     ///
-    /// A device that starts, ends or pauses has a second without measurements, or one at its full
-    /// rate.
+    /// A device that starts, ends or pauses does not count as slower, because one of these seconds
+    /// is without measurements or at the full rate.
     fn is_slower_than(&self, min_hz: f64) -> bool {
         self.reports.len() > SILENCE_S && self.recent_rates_hz().all(|rate_hz| rate_hz > 0.0 && rate_hz < min_hz)
     }

@@ -1,8 +1,8 @@
 //! Length-delimited protobuf messages: each [`v1::Measurement`] is preceded by its length, as
 //! written by protobuf's own libraries (`writeDelimitedTo`, `serialize_length_prefixed`).
 //!
-//! Limits: there is no checksum and no start marker. After invalid bytes a message is recognised by
-//! its length, fields and numbers.
+//! Limits: there is no checksum and no start marker. After invalid bytes, a message is recognised
+//! only by a possible length and by fields that can be decoded.
 
 use decoders::{
     DeviceTime, Measurement, Position, Value,
@@ -12,7 +12,7 @@ use wire::{measurement, v1};
 
 /// Maximum length of a message, bytes.
 const MAX_MESSAGE_BYTES: usize = 512;
-/// Size of the length prefix of the longest message.
+/// Size of the length prefix of the longest message, in bytes.
 const LENGTH_BYTES: usize = 2;
 const CONTINUATION: u8 = 0x80;
 

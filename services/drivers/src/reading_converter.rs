@@ -129,7 +129,7 @@ impl ReadingConverter {
         });
         match (self.clock, stamp) {
             (Clock::Device, Some(stamp)) => self.device_clock.unwrapped_ns(stamp),
-            // If there is no timestamp, the time is derived from the number of the reading.
+            // If there is no timestamp, the time is derived from the number of readings so far.
             (Clock::Device, None) => {
                 self.unstamped_count += 1;
                 (self.unstamped_count as f64 * self.interval_s * 1e9) as i64

@@ -86,7 +86,7 @@ impl StandardInput {
     }
 
     /// Returns a line for each problem of the input that has appeared or is resolved. The input is
-    /// checked once per second, and if `is_final` is `true`.
+    /// checked once per second, and additionally if `is_final` is `true`.
     pub fn problem_changes(&mut self, is_final: bool) -> Vec<String> {
         if !is_final && self.checked_at.elapsed() < DIAGNOSTICS_INTERVAL {
             return Vec::new();

@@ -1,4 +1,4 @@
-//! Swap requests, each of which is executed once and answered by its deadline.
+//! Executes each swap request only once, and replies by its deadline.
 //!
 //! A repeated request gets the reply to the original request. A request that arrives after its
 //! deadline or has an outdated epoch is rejected. The supervisor itself checks the epoch, so that
@@ -23,7 +23,7 @@ use crate::locked::locked;
 const MAX_REMEMBERED: usize = 256;
 /// Maximum number of requests in progress.
 const MAX_IN_PROGRESS: usize = 4;
-/// Maximum time from now to a deadline, ns.
+/// Maximum time by which a deadline may lie in the future, ns.
 const MAX_DEADLINE_AHEAD_NS: u64 = 60_000_000_000;
 
 /// Margin before the deadline, ms. The supervisor stops waiting this long before the deadline, so
@@ -58,8 +58,8 @@ impl IdempotentSwaps {
         Self { client, state: Mutex::default(), replied: Condvar::new() }
     }
 
-    /// Returns two numbers of requests: those forwarded to the supervisor, and those answered
-    /// without it.
+    /// Returns the number of requests forwarded to the supervisor and the number answered without
+    /// it.
     pub fn counts(&self) -> [u64; 2] {
         let state = locked(&self.state);
         [state.forwarded, state.answered_locally]

@@ -24,7 +24,7 @@
 //! | `queries` | replies to queries: last messages, schema, services, swaps |
 //! | `worker_pool` | threads that reply, so that the network never waits for a client |
 //! | `memory_limit` | memory limit of the gateway |
-//! | [`idempotent_swaps`] | swap requests, each of which is executed once |
+//! | [`idempotent_swaps`] | swap requests, each executed only once |
 //! | [`split`] | split systems, whose ticks are carried from one gateway to another |
 #![forbid(unsafe_code)]
 

@@ -31,8 +31,7 @@ impl Taps {
         self.0.iter_mut().try_for_each(|tap| tap.poll(queue))
     }
 
-    /// Waits up to `limit` for a tick. Of the dense topics that are tapped, only the last one on
-    /// the data path is waited for.
+    /// Waits up to `limit` for a tick of the last dense topic on the data path that is tapped.
     pub(crate) fn wait(&self, limit: Duration) {
         match self.0.iter().rfind(|tap| tap.is_dense()) {
             Some(tap) => tap.wait(limit),

@@ -188,7 +188,7 @@ struct Ingest {
     /// Ticks before this one may still be missing at some subscribers and are published without
     /// pacing.
     catch_up_end_tick: u64,
-    /// Time at which the first tick was due, CLOCK_MONOTONIC, ns; 0 before the first tick.
+    /// Time at which the first tick was due on CLOCK_MONOTONIC, ns; 0 before the first tick.
     start_ns: u64,
     next_checkpoint_tick: u64,
     allowed_ticks: u64,
@@ -239,7 +239,7 @@ impl Ingest {
         })
     }
 
-    /// Returns the time at which a reading is due, CLOCK_MONOTONIC, ns.
+    /// Returns the time at which a reading is due on CLOCK_MONOTONIC, ns.
     ///
     /// `after_first_ns` is the time from the first reading to this one on the source's clock, ns.
     /// After a system stall the schedule is shifted, because the backlog could exceed what a topic

@@ -69,9 +69,8 @@ pub fn up(request: &Request) -> Result<Report, UpError> {
     if request.in_process && request.record.is_some() {
         return Err(UpError::NoBus);
     }
-    // A signal received while files are read ends the process immediately, because reading a launch
-    // file that is a pipe without a writer blocks. Signals received after this point end the run
-    // with a report.
+    // While files are read, a signal ends the process immediately, because reading blocks if the
+    // launch file is a pipe without a writer. Later signals end the run with a report.
     let plan = Plan::new(request)?;
     let stop_requested = install_signal_handlers()?;
     // Dropped last, so that processes started by an external stage end with the run.

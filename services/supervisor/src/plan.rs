@@ -18,7 +18,7 @@ const LAUNCH_FILE: &str = "launch.toml";
 /// Built-in launch file, used if there is no default launch file.
 const BUILT_IN: &str = include_str!("../../../launch.toml");
 
-/// Maximum excess over a whole number of ticks that is treated as a rounding error, ticks.
+/// Maximum excess over a whole number of ticks that counts as a rounding error.
 const ROUNDING_TICKS: f64 = 1e-6;
 
 /// Command-line options of a run.
@@ -252,6 +252,6 @@ fn read_launch(request: &Request) -> Result<(Launch, Option<PathBuf>), UpError> 
             _ => launch.services.retain(|listed| listed != service),
         }
     }
-    // A relative path cannot be made absolute only if the current folder was removed.
+    // Making a relative path absolute fails only if the current folder was removed.
     Ok((launch, file.and_then(|file| path::absolute(file).ok())))
 }

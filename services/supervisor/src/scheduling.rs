@@ -10,9 +10,9 @@
 //! them as soon as they are woken; earlier versions ignore the slice. Starting candidates and
 //! exiting processes have an increased nice value.
 //!
-//! If the supervisor was started with another policy than the default, for example by
-//! `chrt --fifo`, that policy also applies to the data path and to auxiliary processes. Starting
-//! and exiting processes have the default policy.
+//! If the supervisor was started with a policy other than the default, for example by `chrt
+//! --fifo`, that policy also applies to the data path and to auxiliary processes. Starting and
+//! exiting processes have the default policy.
 
 use std::io;
 

@@ -325,7 +325,7 @@ impl System {
         Ok(())
     }
 
-    /// Adds its number and the time to an event, and publishes the event if the bus is available.
+    /// Sets the number and the time of an event, and publishes the event if the bus is available.
     fn publish_event(&mut self, event: SystemEvent) {
         let number = self.event_count;
         self.event_count += 1;

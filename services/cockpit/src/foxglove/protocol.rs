@@ -11,7 +11,8 @@ use serde::Deserialize;
 use serde_json::json;
 use wire::channel::Channel;
 
-/// Names of the subprotocol, the newer one first. The server treats both in the same way.
+/// Accepted names of the WebSocket subprotocol, newest first. The server treats both in the same
+/// way.
 pub(crate) const SUBPROTOCOLS: [&str; 2] = ["foxglove.sdk.v1", "foxglove.websocket.v1"];
 /// Opcode of a binary frame with a channel message.
 const MESSAGE_DATA: u8 = 1;

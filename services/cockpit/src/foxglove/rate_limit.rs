@@ -23,8 +23,8 @@ impl RateLimit {
         if topic == Topic::Event {
             return None;
         }
-        // If several processes publish a topic in turn, a minimum interval could permanently
-        // exclude one of them. The number of messages per second is limited instead.
+        // For a topic with several publishers, a minimum interval between messages could
+        // permanently exclude one of them. Instead, the number of messages per second is limited.
         let (window_ns, max_count) = if topic.entry().publisher.is_many() {
             (SECOND_NS, MAX_MESSAGES)
         } else {

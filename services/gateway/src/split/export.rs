@@ -40,7 +40,7 @@ pub(crate) struct Export {
     pub(crate) state: Arc<ExportState>,
 }
 
-/// State shared by the bus side ([`Export`]) and the network side, which is a thread.
+/// State shared by the bus side ([`Export`]) and the network side, which runs in its own thread.
 #[derive(Debug)]
 pub(crate) struct ExportState {
     cache: Mutex<Cache>,

@@ -72,7 +72,7 @@ pub(crate) struct Import {
     pub(crate) state: Arc<ImportState>,
 }
 
-/// State shared by the bus side ([`Import`]) and the network side, which is a thread.
+/// State shared by the bus side ([`Import`]) and the network side, which runs in its own thread.
 #[derive(Debug)]
 pub(crate) struct ImportState {
     reassembly: Mutex<Reassembly>,

@@ -15,7 +15,7 @@ use super::{
     record::{Record, topics_in},
 };
 
-/// Maximum distance of a stored tick from the next tick to deliver, ticks.
+/// Maximum number of ticks by which a stored tick may be ahead of the next tick to deliver.
 pub const MAX_AHEAD_TICKS: u64 = 65_536;
 
 /// Next element of the stream.

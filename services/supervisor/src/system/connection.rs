@@ -13,8 +13,8 @@ use supervision::Event;
 use super::recorded_topics::RecordedTopics;
 use crate::{error::UpError, input::InputTopics, processes::Exit, reaper::StaleNodeReaper};
 
-/// Free shared memory required to publish an event, bytes. This is more than the topic `event`
-/// occupies.
+/// Minimum free shared memory for publishing an event, in bytes. This is more than the topic
+/// `event` occupies.
 const EVENTS_BYTES: u64 = 1 << 20;
 
 pub(super) struct BusConnection {
@@ -90,7 +90,7 @@ impl BusConnection {
         };
         let mut result = collect_references(collector);
         // Each attitude is recorded as soon as it is read. Attitudes are not gathered first,
-        // because after an outage an entire topic buffer of them may be waiting.
+        // because a full topic buffer of attitudes may be waiting after an outage.
         self.attitude.drain(self.buffer, &mut |output: AttitudeOutput| {
             // A reference attitude is published before the estimated attitude of its tick, so the
             // reference has arrived.

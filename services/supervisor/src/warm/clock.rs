@@ -7,12 +7,13 @@ use std::{fs, path::Path};
 use rustix::time::{ClockId, clock_gettime};
 use serde::{Deserialize, Serialize};
 
-/// Largest difference from the system clock at which a hardware clock confirms it, s.
+/// Maximum difference between the system clock and a hardware clock, s. A larger difference means
+/// that the hardware clock does not confirm the system clock.
 const MAX_CLOCK_DIFFERENCE_S: f64 = 60.0;
 /// Start of the year 2020, s since 1970. An earlier system time means that the clock was not set.
 const MIN_PLAUSIBLE_UNIX_S: f64 = 1_577_836_800.0;
 
-/// Point in time according to each clock that can be compared across runs.
+/// Point in time, read from each of the clocks that can be compared across runs.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(super) struct Timestamp {

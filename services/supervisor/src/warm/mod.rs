@@ -36,8 +36,8 @@ use crate::{Plan, error::UpError};
 
 /// Interval between two checks for a new state.
 const CHECK_INTERVAL: Duration = Duration::from_millis(500);
-/// Minimum interval between two writes: a compromise between loss at a power cut and wear of a
-/// memory card.
+/// Minimum interval between two writes: a compromise between the loss of data at a power cut and
+/// the wear of a memory card.
 ///
 /// A state is written earlier if its standard deviation has halved.
 const WRITE_INTERVAL: Duration = Duration::from_secs(10);
