@@ -10,7 +10,7 @@ use crate::{
     stdout::print,
 };
 
-/// Remaining validity below which `plumb keys check` fails, days.
+/// Remaining validity below which `plumb keys check` fails, in days.
 const RENEWAL_WARNING_DAYS: i64 = 30;
 
 #[derive(Subcommand)]

@@ -143,7 +143,7 @@ enum MagChoice {
 #[derive(Clone)]
 enum GnssChoice {
     Fixes(Gnss),
-    /// Number of the receiver to read.
+    /// Index of the receiver to read.
     Number(usize),
 }
 

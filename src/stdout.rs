@@ -91,7 +91,7 @@ fn restore_default_signals() -> io::Result<()> {
         .try_for_each(|signal| register_conditional_default(signal, always.clone()).map(drop))
 }
 
-/// Returns the width of the terminal, columns, or `None` if standard output is not a terminal.
+/// Returns the width of the terminal in columns, or `None` if standard output is not a terminal.
 #[cfg_attr(not(feature = "tui"), allow(dead_code, reason = "only terminal views use it"))]
 pub(crate) fn terminal_columns() -> Option<usize> {
     let terminal = Term::stdout();

@@ -170,7 +170,8 @@ pub(crate) fn ps(system: SystemArgs) -> ExitCode {
             let line = |one: &ServiceStatus| {
                 let ServiceStatus { service, stage, state, pid, restarts, epoch, ticks, lost, address, .. } = one;
                 let pid = pid.map_or("-".into(), |pid| pid.to_string());
-                // Only services without a stage have an address.
+                // Only services without a stage have an address, so both are printed in the same
+                // column.
                 let address = address.as_ref().map(ToString::to_string);
                 let stage = stage.as_ref().map(ToString::to_string).or(address).unwrap_or_else(|| "-".into());
                 format!("{service:<8}{stage:<22} {state:<10}{pid:>8}{restarts:>9}{epoch:>6}{ticks:>10}{lost:>6}")

@@ -205,7 +205,7 @@ fn report(mut request: Request, reading: &ReadOptions, sensors: SensorNumbers, t
 ///
 /// Mistakes in the launch file are reported when the system starts.
 fn foreign_recording(launch: &LaunchArgs) -> Option<PathBuf> {
-    // A pipe can be read only once.
+    // A pipe can be read only once, so it is left for the start of the system.
     if launch.path().is_some_and(|path| !path.is_file()) {
         return None;
     }

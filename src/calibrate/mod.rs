@@ -351,7 +351,7 @@ fn read_flight(file: &Path, mut collector: Collector) -> Result<Outcome, Calibra
     collector.finish()
 }
 
-/// Parses the local gravity, m/s², within the range found on Earth.
+/// Parses the local gravity in m/s², within the range found on Earth.
 fn parse_gravity(text: &str) -> Result<f64, String> {
     parse_in_range(text, 9.7..=9.9).ok_or_else(|| "expected a gravity of 9.7 to 9.9 m/s²".into())
 }

@@ -8,7 +8,7 @@ use figures::{
     style::{LineStyle, series_style},
 };
 
-/// Width and height of the figure, pixels.
+/// Width and height of the figure, in pixels.
 const SIZE: (u32, u32) = (900, 900);
 /// Factor by which each axis extends beyond the smallest and the largest value.
 const MARGIN: f64 = 1.3;

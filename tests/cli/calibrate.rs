@@ -27,7 +27,7 @@ fn with_sensor_errors(exact: [f64; 3], scale: [f64; 3], bias: [f64; 3]) -> [f64;
     std::array::from_fn(|i| exact[i] / scale[i] + bias[i])
 }
 
-/// Returns a recording at 100 Hz from a unit that has sensor errors.
+/// Returns a recording at 100 Hz from a sensor unit with errors.
 ///
 /// The unit rests for three seconds in each of the positions given by the up directions `ups`. It
 /// is moved between these rests.
@@ -216,8 +216,8 @@ fn low_coverage_is_rejected_with_missing_poses() {
     assert_eq!(calibrate(&["gyro", &five, "--live"]).status.code(), Some(2));
 }
 
-/// Returns a recording of two minutes at 50 Hz from a unit at rest. The white noise is 0.05 °/√s
-/// for the gyro and 0.002 m/s/√s for the accelerometer. The unit is moved from 60 to 62 s.
+/// Returns a recording of two minutes at 50 Hz from a sensor unit at rest. The white noise is 0.05
+/// °/√s for the gyro and 0.002 m/s/√s for the accelerometer. The unit is moved from 60 to 62 s.
 fn noisy_rest() -> String {
     let mut text = String::from(HEADER);
     // Numbers of a linear congruential generator, uniform from −√3 to √3.
@@ -321,7 +321,8 @@ fn noise_of_a_real_unit_at_rest_is_plausible() {
     assert!(report["notes"][0].as_str().unwrap().starts_with("motion at 2 to 8 s"), "{report}");
 }
 
-/// Runs `test` while a unit at rest writes samples to standard input faster than in real time.
+/// Runs `test` while a sensor unit at rest writes samples to standard input faster than in real
+/// time.
 fn with_live_sensor<T>(running: &mut Running, test: impl FnOnce(&Running) -> T) -> T {
     /// Stops the sensor when the test returns or panics.
     struct StopOnDrop<'a>(&'a AtomicBool);

@@ -42,7 +42,7 @@ fn demo_of_a_name_in_use_reports_the_reason() {
     let running = system.start(&[]);
     system.wait_until_running();
     let mut demo = plumb(&["demo", "--stop", "--system", &system.name]);
-    // The demonstration keeps its log.
+    // The demonstration keeps its log, so its temporary folder is set to the folder of the test.
     let demo = demo.env("TMPDIR", system.path("")).output().unwrap();
     let stderr = String::from_utf8_lossy(&demo.stderr);
     assert_eq!(demo.status.code(), Some(1), "{stderr}");

@@ -3,7 +3,7 @@ use std::{fs, os::unix::fs::PermissionsExt, process::Output};
 
 use crate::common::{System, plumb, wait_for};
 
-/// Ends the system on drop, also if a test fails.
+/// Ends the system on drop, even if a test fails.
 struct Background<'a>(&'a System);
 
 impl Background<'_> {

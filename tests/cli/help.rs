@@ -1,7 +1,7 @@
 //! Help texts of all commands.
 use clap::{Arg, Command};
 
-/// Maximum length of a description, characters.
+/// Maximum length of a description, in characters.
 const MAX_DESCRIPTION: usize = 72;
 
 /// Calls `visit` for every visible command with its path, such as `plumb topic echo`.

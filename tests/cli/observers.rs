@@ -439,7 +439,7 @@ fn doctor_removes_leftovers_of_killed_system() {
     running.wait().assert_complete();
 }
 
-/// Writes a recording of sensors at rest at 100 Hz, with specific forces around `force`, m/s².
+/// Writes a recording of sensors at rest at 100 Hz, with specific forces close to `force` in m/s².
 fn write_rest_recording(system: &System, force: f64) -> PathBuf {
     let path = system.path("rest.csv");
     let row = |i: u32| {

@@ -73,7 +73,7 @@ fn warnings_for(launch: &str, rows: impl Iterator<Item = Row>, arguments: &[&str
     messages
 }
 
-/// Returns the first launch-file key with its value that a warning suggests.
+/// Returns the first setting of a launch-file key that a warning suggests.
 fn remedy(warning: &str) -> Option<&str> {
     warning.split('`').find(|part| part.starts_with("ingest.") && part.contains('='))
 }

@@ -17,8 +17,8 @@ use std::{
 
 use serde_json::{Value, json};
 
-/// Folder with the npm packages, which are installed on first use. If they are unavailable, prints
-/// the cause and is `None`.
+/// Folder with the npm packages, which are installed on first use. `None` if they are unavailable.
+/// The cause is then printed.
 pub(crate) static PACKAGES: LazyLock<Option<PathBuf>> = LazyLock::new(|| match packages() {
     Ok(folder) => Some(folder),
     Err(cause) => {
@@ -45,8 +45,8 @@ fn packages() -> Result<PathBuf, String> {
     Ok(folder)
 }
 
-/// Number of tests that have pages open, at most the number of processors, because pages are
-/// rendered in software.
+/// Number of tests that have pages open. It is limited to the number of processors, because pages
+/// are rendered in software.
 static BROWSER_SLOTS: (Mutex<usize>, Condvar) = (Mutex::new(0), Condvar::new());
 
 /// Permission for one test to open pages. It is released when the test's thread ends.
@@ -265,7 +265,7 @@ impl Page {
         self.text("navigator.clipboard.readText()")
     }
 
-    /// Returns the heap size of the page's scripts after garbage collection, bytes.
+    /// Returns the heap size of the page's scripts in bytes, measured after garbage collection.
     pub(crate) fn heap(&mut self) -> f64 {
         self.request(&json!({ "do": "heap" })).as_f64().unwrap()
     }

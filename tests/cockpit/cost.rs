@@ -36,8 +36,9 @@ fn processor_s(pid: u32) -> f64 {
 
 /// Returns the private resident memory of a process, KiB.
 ///
-/// Shared memory is excluded: the segments of the topics become resident in the cockpit when their
-/// publishers first use them, which may be late on a busy machine. Their sizes are fixed.
+/// Shared memory has a fixed size and is excluded, because the segments of the topics become
+/// resident in the cockpit only when their publishers first use them. On a busy machine this may be
+/// late.
 fn private_kib(pid: u32) -> f64 {
     let status = fs::read_to_string(format!("/proc/{pid}/status")).unwrap();
     let line = status.lines().find(|line| line.starts_with("RssAnon:")).unwrap();
@@ -59,7 +60,7 @@ fn median(mut figures: Vec<f64>) -> f64 {
     figures.get(figures.len() / 2).copied().unwrap_or(f64::NAN)
 }
 
-/// Measures the CPU usage of a process, % of one core.
+/// Measures the CPU usage of a process as a percentage of one core.
 fn core_percent(pid: u32) -> f64 {
     let (before_s, started) = (processor_s(pid), Instant::now());
     thread::sleep(measurement_s() * SECOND);
@@ -74,7 +75,7 @@ fn viewer_traffic_is_small() {
     let cockpit = running.service("cockpit");
     let without = core_percent(cockpit);
     let Some(mut page) = Page::open_at_full_rate(&address(&system, port)) else { return };
-    // The history of the page must be full for a long measurement.
+    // Before a long measurement, the history of the page must be full.
     let filled_s = if measurement_s() == 1 { 1 } else { 55 };
     page.until(&format!(
         "plumb.state().kind === 'live' && plumb.data.frames.at(-1)?.t - plumb.data.frames[0]?.t > {filled_s}"

@@ -27,7 +27,7 @@ fn open_system_view(url: &str) -> Option<Page> {
     Some(page)
 }
 
-/// Types a value of a parameter, requests it and returns the outcome.
+/// Types a new value of a parameter, requests the change and returns the outcome.
 fn set(page: &mut Page, name: &str, value: &str) -> String {
     page.eval(&format!("document.getElementById('parameter-{name}').value = '{value}'"));
     page.click("#swap");
@@ -106,8 +106,8 @@ fn recording_is_started_and_stopped_by_operator_only() {
     page.shot("fly-recording.png");
     viewer.until(&format!("{text}.startsWith('recording ')"));
     page.until(&format!("{text}.endsWith(': the size limit was reached')"));
-    // Two further recordings, each in a new file. The operator stops the first recording, and the
-    // end of the system stops the second one.
+    // Makes two further recordings, each in a new file. The operator stops the first recording, and
+    // the end of the system stops the second one.
     for stop in ["#record", ""] {
         page.until("document.getElementById('record').textContent === 'Record'");
         page.click("#record");

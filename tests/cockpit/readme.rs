@@ -20,7 +20,7 @@ fn readme_screenshots_have_the_size_of_new_ones() {
     let Some(mut page) = Page::new() else { return };
     let replaces_pictures = env::var_os("PLUMBLINE_PICTURES").is_some();
     if replaces_pictures {
-        // The page opens with the last minute.
+        // The page opens with the history of the last minute, so this history must be full.
         thread::sleep(Duration::from_secs(60));
     }
     for scheme in ["light", "dark"] {

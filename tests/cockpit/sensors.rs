@@ -1,4 +1,5 @@
-//! Calibration and mounting check on the page, with a unit that is first level and then nose down.
+//! Calibration and mounting check on the page, with a sensor unit that is first level and then nose
+//! down.
 use std::{
     fs,
     io::Write as _,
@@ -21,7 +22,7 @@ use crate::common::{Running, wait_for};
 const RATE_RAD_S: f64 = 0.5;
 const NOSE_DOWN_RAD: f64 = 0.7;
 
-/// Feeds samples from a unit at rest through standard input until the system ends.
+/// Feeds samples from a sensor unit at rest through standard input until the system ends.
 ///
 /// The unit is rotated nose down once the returned flag is set.
 fn feed(running: &mut Running) -> Arc<AtomicBool> {

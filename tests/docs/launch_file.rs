@@ -9,9 +9,9 @@ use super::reference::{self, code, plain, table, wrap, wrap_to};
 
 /// Column at which comments begin in `launch.toml`.
 const COMMENT_COLUMN: usize = 24;
-/// Maximum width of a line of `launch.toml`, columns.
+/// Maximum width of a line of `launch.toml`, in columns.
 const MAX_COLUMNS: usize = 100;
-/// Minimum width of a comment that begins on the line of its key, columns.
+/// Minimum width, in columns, of a comment that begins on the line of its key.
 const MIN_COMMENT_COLUMNS: usize = 30;
 
 /// Renders the chapter.

@@ -15,7 +15,7 @@ use super::{launch_file, root};
 
 /// Command that updates the files.
 const UPDATE: &str = "cargo test --release --test system docs::reference";
-/// Maximum width of a line outside of tables, columns.
+/// Maximum width of a line outside of tables, in columns.
 const MAX_COLUMNS: usize = 100;
 
 /// Returns the beginning of a chapter: a note that the file is generated, the title and an

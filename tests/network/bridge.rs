@@ -19,9 +19,9 @@ use rustix::process::Signal;
 use serde_json::{Value, json};
 
 const TUMBLE: &str = "ingest.sim.scenario = \"tumble\"";
-/// Offset of MAV_STATE in a heartbeat frame, bytes.
+/// Offset of MAV_STATE in a heartbeat frame, in bytes.
 const STATE: usize = 17;
-/// Offset of the message number in a frame, bytes. Heartbeats have the number 0.
+/// Offset of the message ID in a frame, in bytes. Heartbeats have the ID 0.
 const MESSAGE: usize = 7;
 const BOOT: u8 = 1;
 const ACTIVE: u8 = 4;

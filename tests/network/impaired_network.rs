@@ -20,8 +20,7 @@ use serde_json::Value;
 
 const BOARD: &str = "10.78.0.1";
 const STATION: &str = "10.78.0.2";
-/// Duration of an outage. It exceeds Zenoh's lease of 3 s, after which a silent connection is
-/// closed.
+/// Duration of an outage. It exceeds Zenoh's lease of 3 s, so Zenoh closes the silent connection.
 const OUTAGE: Duration = Duration::from_secs(12);
 
 /// Timeout for receiving further samples over an open connection.
@@ -138,7 +137,7 @@ impl Station {
         signal(self.child.as_ref().unwrap().id(), kind);
     }
 
-    /// Returns the size of the attitude table, bytes.
+    /// Returns the size of the attitude table in bytes.
     fn table_bytes(&self) -> u64 {
         fs::metadata(self.tables.join("boat/attitude.csv")).map_or(0, |file| file.len())
     }

@@ -22,8 +22,8 @@ impl Drop for SetOnDrop<'_> {
     }
 }
 
-/// Runs `steps` while a device sends lines with time, ms, rates, °/s, and forces, g, at about 100
-/// Hz.
+/// Runs `steps` while a device sends lines at about 100 Hz, with the time in ms, rates in °/s and
+/// forces in g.
 fn with_sensor(system: &System, steps: impl FnOnce(&str)) {
     let port = system.path("imu");
     let mut device = open_serial_device(&port);

@@ -1,6 +1,6 @@
 //! Remedies that `import`, `info` and `score` print for files that they cannot read.
 //!
-//! Each command in a remedy is pasted into a shell, and the file that it writes is read.
+//! Each command in a remedy is run in a shell, and the file that it writes is read.
 use std::{
     env, fs,
     path::{Path, PathBuf},
@@ -240,8 +240,8 @@ with Writer(Path(sys.argv[1])) as writer:
     let output = Command::new(python).args(["-c", script]).arg(&file).output().unwrap();
     assert!(output.status.success(), "{}", text(&output.stderr));
     let message = refusal(&file);
-    // The virtual environment may have been moved, and its path then lacks the script of the
-    // package.
+    // If the virtual environment was moved, its path lacks the script of the package, so the module
+    // is run instead.
     let command = commands(&message)[0].replace("rosbags-convert", "python3 -m rosbags.convert");
     let output = shell(&system, &command);
     assert!(output.status.success(), "{message}: {}", text(&output.stderr));

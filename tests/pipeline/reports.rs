@@ -28,7 +28,7 @@ fn run(command: &str, file: &Path, arguments: &[&str]) -> Output {
     plumb(&[command]).arg(file).args(arguments).output().unwrap()
 }
 
-/// Imports a file. Returns the times of its rows, s, and the summary.
+/// Imports a file. Returns the times of its rows in seconds, and the summary.
 fn imported(system: &System, file: &Path, arguments: &[&str]) -> (Vec<f64>, String) {
     let out = system.path("imported_imu.csv");
     let output = run("import", file, &[arguments, &["-o", out.to_str().unwrap()]].concat());

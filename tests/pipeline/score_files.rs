@@ -8,7 +8,7 @@ use serde_json::Value;
 
 use super::score::{assert_rejected, at_rest, folder_with, number, scores};
 
-/// Maximum size of a figure, bytes.
+/// Maximum size of a figure, in bytes.
 const MAX_FIGURE_BYTES: usize = 300_000;
 
 /// Returns the columns of a CSV file by name. Values that are not numbers are NaN.
@@ -46,7 +46,7 @@ fn scores_can_be_recomputed_from_table() {
         assert!((length - reported("gyro_bias_deg_s")).abs() < 1e-9, "{fuser}: {bias:?}");
         assert!(columns["true_u"].iter().chain(&columns["inclination_sd_rad"]).all(|value| value.is_finite()));
         assert_eq!(columns["course_rad"].len(), columns["true_course_rad"].len());
-        // The attitude of the gyro alone starts at the accelerometer's up vector and then drifts.
+        // The attitude from the gyro alone starts at the accelerometer's up vector and then drifts.
         // The accelerometer's error does not grow.
         let distance = |of: &str, row: usize| {
             let axis_error = |axis: &str| columns[&format!("{of}_{axis}")][row] - columns[&format!("true_{axis}")][row];

@@ -231,8 +231,8 @@ fn search_reports_end_of_range_and_invalid_ranges() {
 
 #[test]
 fn launch_file_calibration_and_mounting_are_applied() {
-    // The unit is mounted upside down with its axes forward-right-down. Its accelerometer has a
-    // bias of 1 m/s² along the forward axis.
+    // The sensor unit is mounted upside down with its axes forward-right-down. Its accelerometer
+    // has a bias of 1 m/s² along the forward axis.
     let level = "0,0.7071067811865476,0.7071067811865476,0";
     let row = |i: i32| format!("{},0,0,0,1,0,-9.80665,{level},1\n", f64::from(i) * 0.01);
     let text = "t_s,gx,gy,gz,ax,ay,az,qw,qx,qy,qz,mov\n".to_owned() + &(0..500).map(row).collect::<String>();

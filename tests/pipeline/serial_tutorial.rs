@@ -30,7 +30,7 @@ impl Drop for TerminatedProcess {
     }
 }
 
-/// Simulated unit that moves as specified.
+/// Simulated sensor unit that moves as specified.
 struct MovingUnit(TerminatedProcess);
 
 impl MovingUnit {

@@ -48,7 +48,7 @@ pub struct Hub {
     pub(crate) broadcaster: std::sync::Arc<crate::foxglove::feed::Broadcaster>,
 }
 
-/// Messages that viewers may still have to receive, and the newest values for `/metrics`.
+/// Messages that some viewers have not received yet, and the newest values for `/metrics`.
 #[derive(Debug, Default)]
 struct Backlog {
     latest: LatestState,
@@ -124,7 +124,7 @@ impl History {
             self.bytes -= message.len();
             self.snapshots.remove(at);
         }
-        // Without new data, the last minute of snapshots with data is kept.
+        // While no new data arrive, the last minute of snapshots with data is kept.
         let from_ns = if has_data { t_ns.saturating_sub(HISTORY.as_nanos() as u64) } else { 0 };
         while let Some(first) = self.snapshots.front()
             && (first.t_ns < from_ns || self.bytes > MAX_HISTORY_BYTES)

@@ -24,19 +24,20 @@ use tokio::{
     time::{Instant, Sleep, sleep_until},
 };
 
-/// Maximum size of a viewer's command and of a Foxglove client's request, bytes.
+/// Maximum size of a viewer's command and of a Foxglove client's request, in bytes.
 pub(crate) const MAX_MESSAGE_BYTES: usize = 4096;
 /// Maximum number of bytes of an incomplete message. The framing of an unfragmented message takes 8
 /// bytes. The remaining margin is for clients that fragment their messages.
 const MAX_PARTIAL_BYTES: usize = 2 * MAX_MESSAGE_BYTES;
-/// Bytes that a client may send at once: the requests for the page and for a recording.
+/// Number of bytes that a client may send at once. It suffices for the requests that load the page
+/// or a recording.
 const BURST_BYTES: usize = 64 * 1024;
 /// Maximum sustained rate of received data, in bytes per second. It corresponds to about 5000 of
 /// the smallest frames per second.
 const RATE_PER_S: usize = 32 * 1024;
 /// Maximum number of bytes per read, so that no client delays the others.
 const MAX_READ_BYTES: usize = 4096;
-/// Delay of a client that has sent too much.
+/// Pause in reading from a client that has sent too much.
 const DELAY: Duration = Duration::from_millis(100);
 /// Framing of a ping or pong, in bytes: a header of two bytes and a mask of four.
 const CONTROL_FRAMING_BYTES: usize = 6;
@@ -51,7 +52,7 @@ pub(crate) struct Inflow {
 }
 
 impl Inflow {
-    /// Starts counting, because the connection has become a WebSocket.
+    /// Starts counting when the connection has become a WebSocket.
     pub(crate) fn start_messages(&self) {
         self.partial_bytes.store(0, Ordering::Relaxed);
         self.has_messages.store(true, Ordering::Relaxed);

@@ -16,7 +16,7 @@ use crate::hub::LatestState;
 pub(crate) const CONTENT_TYPE: &str = "text/plain; version=0.0.4; charset=utf-8";
 /// Maximum number of services exported.
 const MAX_SERVICES: usize = 64;
-/// Maximum length of a label value, characters.
+/// Maximum length of a label value, in characters.
 const MAX_LABEL: usize = 128;
 /// Service states that count as up.
 const WORKING_STATES: [&str; 3] = ["ready", "running", "finished"];

@@ -18,7 +18,7 @@ use crate::{SNAPSHOT_INTERVAL, decimator::Decimator};
 const MAX_SNAPSHOTS: u64 = 60_000;
 /// Maximum number of snapshots in a reply.
 const MAX_REPLY_SNAPSHOTS: usize = 4096;
-/// Maximum size of the snapshots in a reply, bytes.
+/// Maximum size of the snapshots in a reply, in bytes.
 const MAX_REPLY_BYTES: usize = 8 << 20;
 
 /// Snapshots of a recording.

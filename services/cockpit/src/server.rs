@@ -61,11 +61,11 @@ use crate::{
 
 /// Time limit of the TLS handshake.
 const HANDSHAKE_TIMEOUT: Duration = Duration::from_secs(10);
-/// Maximum size of the headers of a request, bytes.
+/// Maximum size of the headers of a request, in bytes.
 const MAX_HEADER_BYTES: usize = 16 * 1024;
 /// Time limit for receiving the headers of a request.
 const HEADER_TIMEOUT: Duration = Duration::from_secs(10);
-/// Size of the kernel's send buffer per connection, bytes: about a second of snapshots.
+/// Size of the kernel's send buffer per connection, in bytes. It holds about a second of snapshots.
 const SEND_BUFFER_BYTES: u32 = 64 * 1024;
 /// Number of ports tried after the requested one.
 const MAX_PORT_RETRIES: u16 = 100;

@@ -38,8 +38,8 @@ const TOKEN_TIMEOUT: Duration = Duration::from_secs(5);
 
 /// Close code for a vehicle that is not available.
 pub(crate) const CLOSE_UNKNOWN_VEHICLE: u16 = 4404;
-/// Maximum length of a close reason, bytes. A control frame holds 125 bytes, two of which are the
-/// close code.
+/// Maximum length of a close reason, in bytes. A control frame holds 125 bytes, and the close code
+/// takes two of them.
 const MAX_REASON_BYTES: usize = 120;
 
 /// Reason why a viewer is not served.

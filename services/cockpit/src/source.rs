@@ -36,7 +36,7 @@ pub trait Source {
 
     /// Selects an additional topic of sensor readings to deliver; `None` deselects it.
     ///
-    /// Called only for a source whose [`CommandTarget::calibration_request`] succeeds.
+    /// Called only if [`CommandTarget::calibration_request`] of the same system succeeds.
     fn set_readings_topic(&mut self, _topic: Option<Topic>) {}
 }
 
@@ -62,7 +62,7 @@ pub struct SlotDescription {
     pub slot: String,
     /// Names of the available stages.
     pub stages: Vec<String>,
-    /// Parameters of the stage in the slot that differ from their defaults; `None` if unknown.
+    /// Values of the stage's parameters, except those at their defaults; `None` if unknown.
     pub set: Option<BTreeMap<String, f64>>,
 }
 

@@ -36,10 +36,11 @@ const MAX_BYTES: usize = 1 << 20;
 /// Minimum number of measurements for recognising a format. Even in a format without a checksum,
 /// bytes of another format do not happen to form this many valid messages.
 const MIN_MEASUREMENTS: usize = 5;
-/// Minimum number of messages for recognising a receiver. Its messages have checksums.
+/// Minimum number of messages for recognising a receiver. One is enough, because its messages have
+/// checksums.
 const MIN_RECEIVER_MESSAGES: u64 = 1;
-/// Maximum share of bytes that belong to no message. It applies to devices that send only messages
-/// of the format.
+/// Maximum share of bytes that belong to no message. The limit does not apply to devices that also
+/// send other messages.
 const MAX_SKIPPED_SHARE: f64 = 0.2;
 /// Standard gravity, m/s².
 const GRAVITY_M_S2: f64 = 9.806_65;
@@ -215,7 +216,7 @@ fn candidates() -> Vec<Candidate> {
     sensors.chain(receivers).collect()
 }
 
-/// Returns the device, in the format that explains most of the bytes, or `None` if no format fits.
+/// Returns the device, in the format that fits most of the bytes, or `None` if no format fits.
 fn recognise(path: &Path, baud: u64, chunks: &[Chunk]) -> Option<DetectedDevice> {
     let total: usize = chunks.iter().map(|(_, bytes)| bytes.len()).sum();
     let results = candidates().into_iter().filter_map(|candidate| {

@@ -45,7 +45,7 @@ pub(crate) struct DeviceReport {
     pub(crate) bytes: u64,
     /// Totals of the decoder.
     pub(crate) counts: Counts,
-    /// Number of decoded measurements of the kind for which the device is read: rate and force of a
+    /// Number of decoded measurements that the device is required to provide: rate and force of a
     /// sensor, fixes of a receiver.
     pub(crate) measurements: u64,
     /// Number of ignored datagrams from other senders.

@@ -10,7 +10,7 @@ use decoders::{
 };
 use wire::{measurement, v1};
 
-/// Maximum length of a message, bytes.
+/// Maximum length of a message, in bytes.
 const MAX_MESSAGE_BYTES: usize = 512;
 /// Size of the length prefix of the longest message, in bytes.
 const LENGTH_BYTES: usize = 2;

@@ -138,7 +138,7 @@ impl ReadingConverter {
         }
     }
 
-    /// Restarts the clock fit, because measurements may be missing.
+    /// Restarts the clock fit after a gap in the measurements.
     pub(crate) fn mark_gap(&mut self) {
         self.fit.mark_gap();
     }

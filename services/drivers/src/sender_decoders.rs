@@ -2,8 +2,8 @@
 //!
 //! Input: datagrams.
 //!
-//! Output: the measurements of the chosen sender. A sender is chosen if it sends a measurement of
-//! the kind for which the device is read while no other sender is chosen, see [`SenderChoice`].
+//! Output: the measurements of the chosen sender. A sender is chosen if it sends a required
+//! measurement while no other sender is chosen, see [`SenderChoice`].
 //!
 //! Memory: the decoders of [`MAX_SENDERS`] senders.
 //!
@@ -43,7 +43,7 @@ struct Candidate {
 pub(crate) struct DatagramFormat<'a> {
     /// Creates the decoder of a sender.
     pub(crate) make_decoder: &'a dyn Fn() -> Result<Box<dyn Decoder>, DriversError>,
-    /// Returns `true` for a measurement of the kind for which the device is read.
+    /// Returns `true` for a measurement that the device is required to provide.
     pub(crate) is_required: fn(&Value) -> bool,
     /// `true` for lines of text.
     pub(crate) is_text: bool,

@@ -89,7 +89,7 @@ impl DeviceStream {
         })
     }
 
-    /// Returns the function that selects the measurements for which the device is read.
+    /// Returns the function that selects the measurements that the device is required to provide.
     fn is_required(&self) -> fn(&Value) -> bool {
         match self.format {
             "ubx" | "nmea" => |value| matches!(value, Value::Fix { .. }),
@@ -193,8 +193,7 @@ impl DeviceStream {
                         }
                         None => {
                             if after_outage {
-                                // A new decoder is created, so that partial messages are not joined
-                                // across the outage.
+                                // Discards the preamble before the bytes of another sender.
                                 *previous_counts = *previous_counts + decoder.counts();
                                 *decoder = (self.make_decoder)()?;
                                 decoder.set_time(now);
@@ -210,7 +209,7 @@ impl DeviceStream {
         Ok(ReadOutcome::NoData)
     }
 
-    /// Ends the input. The last line of a text may lack its newline.
+    /// Ends the input. Completes a last line of text that lacks its newline.
     fn end(&mut self, measurements: &mut Vec<Measurement>) -> ReadOutcome {
         match &mut self.decoding {
             Decoding::Stream { decoder, .. } if !self.has_ended && self.text.is_some() => {

@@ -10,8 +10,8 @@ use runtime::{
 };
 
 const WORD_BYTES: usize = size_of::<u64>();
-/// Maximum length of the preamble, bytes. It may fill all words of a checkpoint except the first,
-/// which holds the length.
+/// Maximum length of the preamble, in bytes. It may fill all words of a checkpoint except the
+/// first, which holds the length.
 pub(crate) const MAX_BYTES: usize = (CHECKPOINT_WORDS - 1) * WORD_BYTES;
 
 /// Lines received up to the first reading of the current sender.

@@ -49,7 +49,7 @@ impl MemoryLimit {
     }
 }
 
-/// Returns the private memory of the process, KiB, or `None` if the kernel does not report it.
+/// Returns the private memory of the process in KiB, or `None` if the kernel does not report it.
 fn private_kib() -> Option<u64> {
     let status = fs::read_to_string("/proc/self/status").ok()?;
     let line = status.lines().find_map(|line| line.strip_prefix("RssAnon:"))?;

@@ -9,7 +9,7 @@ use std::{fs, path::Path};
 
 /// Maximum number of threads described.
 const MAX_THREADS: usize = 8;
-/// Maximum length of the text, characters.
+/// Maximum length of the text, in characters.
 const MAX_CHARACTERS: usize = 160;
 
 /// Describes the threads of a process, such as `fuser T in do_signal_stop`.

@@ -360,7 +360,7 @@ pub(crate) fn own_cpu_s() -> f64 {
     cpu_s(std::process::id())
 }
 
-/// Returns the CPU time of the reaped child processes, s: `cutime` and `cstime` of proc(5).
+/// Returns the CPU time of the reaped child processes in seconds: `cutime` and `cstime` of proc(5).
 fn reaped_cpu_s() -> f64 {
     let text = fs::read_to_string("/proc/self/stat").unwrap_or_default();
     // The executable name in parentheses may contain spaces. The word after the parentheses is

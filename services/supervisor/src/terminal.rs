@@ -24,7 +24,7 @@ pub(crate) const NO_TIMEOUT: Option<Timespec> = None;
 /// on Linux).
 const CHUNK_BYTES: usize = 4096;
 
-/// Writes a line in chunks, each within the timeout. Drops the rest after a failure.
+/// Writes a line in chunks, each within the timeout. Drops the remaining chunks after a failure.
 pub(crate) fn write_line(line: impl Display, timeout: Option<Timespec>) {
     for chunk in format!("{line}\n").as_bytes().chunks(CHUNK_BYTES) {
         if !has_room(timeout.as_ref()) || io::stderr().write_all(chunk).is_err() {

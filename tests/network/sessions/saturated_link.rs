@@ -10,7 +10,7 @@ use zenoh::{Session, Wait, handlers::FifoChannelHandler, pubsub::Subscriber, qos
 
 const TO_BETA: &str = "plumbline/v1/alpha/@carry";
 const TO_ALPHA: &str = "plumbline/v1/beta/@carry";
-/// Message size, bytes. Each message needs many packets and several Zenoh batches.
+/// Message size in bytes. Each message needs many packets and several Zenoh batches.
 const MESSAGE_BYTES: usize = 256 * 1024;
 const DURATION: Duration = Duration::from_secs(60);
 /// Number of messages per burst. A burst is sent as fast as the link accepts it, so that both

@@ -59,7 +59,7 @@ pub(crate) fn error_status(reason: &str) -> String {
     json!({ "op": "status", "level": STATUS_ERROR, "message": reason }).to_string()
 }
 
-/// Request of a client.
+/// Request from a client.
 #[derive(Deserialize)]
 #[serde(tag = "op", rename_all = "camelCase", rename_all_fields = "camelCase")]
 enum Request {
@@ -101,7 +101,7 @@ impl Subscriptions {
         self.0.iter().map(Option::is_some)
     }
 
-    /// Applies a request of the client.
+    /// Applies a request from the client.
     ///
     /// # Errors
     ///

@@ -8,7 +8,7 @@ use graph::Topic;
 const MAX_MESSAGES: usize = 60;
 const SECOND_NS: u64 = 1_000_000_000;
 
-/// Limit on the number of messages in any time window.
+/// Limit on the number of messages in a sliding time window.
 #[derive(Debug)]
 pub(crate) struct RateLimit {
     window_ns: u64,

@@ -12,7 +12,7 @@ pub struct CarriedTopic {
     pub topic: graph::Topic,
     /// Name of the topic.
     pub name: &'static str,
-    /// Size of a message, bytes.
+    /// Size of a message in bytes.
     pub size: usize,
     /// Fingerprint of the message layout.
     pub fingerprint: u64,

@@ -19,7 +19,7 @@ const MIN_PLAUSIBLE_UNIX_S: f64 = 1_577_836_800.0;
 pub(super) struct Timestamp {
     /// Boot ID of the kernel; empty if unknown.
     pub(super) boot: String,
-    /// CLOCK_BOOTTIME, s: time since boot, including suspend.
+    /// Time since boot, including suspend, on CLOCK_BOOTTIME, s.
     pub(super) since_boot_s: f64,
     /// CLOCK_REALTIME, s since 1970.
     pub(super) unix_s: f64,

@@ -145,7 +145,7 @@ fn with_previous_scale(found: Prior, latest: &mut Option<(Prior, Instant)>) -> P
     prior
 }
 
-/// Returns the prior in the file and its age, s, or `None` if the file does not exist.
+/// Returns the prior in the file and its age in seconds, or `None` if the file does not exist.
 fn load_prior(path: &Path, sensors: u64) -> Result<Option<(Prior, f64)>, LoadError> {
     let Some(text) = file::read(path)? else { return Ok(None) };
     Ok(Some(record::decode(&text, sensors, &Timestamp::now())?))

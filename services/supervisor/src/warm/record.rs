@@ -1,6 +1,7 @@
 //! Content of a state file and its validation.
 //!
-//! The first line contains the format and the checksum of the rest. The second line is JSON.
+//! The first line contains the format and the checksum of the text that follows. The second line is
+//! JSON.
 
 use launch::{Ingest, Source};
 use messages::{HASH_START, hash};
