@@ -221,7 +221,7 @@ impl BridgeArgs {
                     }
                     let sample = samples.front().filter(|sample| sample.header.tick == output.header.tick);
                     // The samples of the first attitudes may have been published before their topic
-                    // was opened, so attitudes are sent only from the first one that has a sample.
+                    // was opened, so no attitude is sent before the first one that has a sample.
                     is_joined |= sample.is_some();
                     if is_joined {
                         sender.send(&output, sample);

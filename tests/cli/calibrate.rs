@@ -85,7 +85,7 @@ fn assert_fails(arguments: &[&str], code: i32, expected: &[&str]) {
     assert!(json["error"].is_string() && json.get("block").is_none(), "{json}");
 }
 
-/// Returns the text of a BROAD recording twice: unchanged, and with sensor errors.
+/// Returns two versions of the text of a BROAD recording: unchanged, and with sensor errors.
 fn broad(folder: &Path) -> (String, String) {
     let mut exact = String::new();
     let file = folder.join("broad/02_undisturbed_slow_rotation_B.csv.gz");
@@ -282,7 +282,7 @@ fn noise_at_rest_is_measured_drawn_and_written() {
     }
     assert!(plumb(&["config", "check", "--launch", &launch]).output().unwrap().status.success());
 
-    // The stage of the launch file determines the parameters.
+    // The parameters are computed for the fuser stage of the launch file.
     let vqf = write_file(&system, "vqf.toml", "[fuser]\nstage = \"vqf\"\n");
     let output = calibrate(&["noise", &recording, "--write", &vqf]);
     let shown = String::from_utf8_lossy(&output.stdout).into_owned() + &String::from_utf8_lossy(&output.stderr);

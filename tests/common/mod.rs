@@ -439,7 +439,7 @@ pub(crate) fn assert_valid_attitudes(attitudes: &[(f64, [f64; 4])]) {
     }
 }
 
-/// Returns the angle between the up vectors of two attitudes, degrees.
+/// Returns the angle between the up vectors of two attitudes in degrees.
 pub(crate) fn inclination_deg(a: [f64; 4], b: [f64; 4]) -> f64 {
     let up = |[w, x, y, z]: [f64; 4]| [2.0 * (x * z - w * y), 2.0 * (y * z + w * x), 1.0 - 2.0 * (x * x + y * y)];
     let (a, b) = (up(a), up(b));

@@ -1,4 +1,4 @@
-//! Every example of the documentation runs, unless [`exceptions`](super::exceptions) lists it.
+//! Every example in the documentation is run, unless [`exceptions`](super::exceptions) lists it.
 //!
 //! An example is an indented or fenced block of a Markdown file. Its language is the word after the
 //! fence, or follows from its first line. The shell lines of a file run in order in a separate

@@ -1,4 +1,4 @@
-//! Examples of the documentation that do not run, each with the reason.
+//! Examples in the documentation that are not run, each with the reason.
 //!
 //! Add a line here if an example needs a device, another machine or several minutes. A test fails
 //! if a line here no longer matches any example.

@@ -1,4 +1,4 @@
-//! Network with delay, packet loss and an outage; and a station that stops reading.
+//! Network with delay, packet loss and an outage, and a station that stops reading.
 //!
 //! The system on board is not affected, and the station counts exactly the samples that it missed.
 use std::{

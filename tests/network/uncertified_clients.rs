@@ -141,7 +141,7 @@ fn resident_kib(pid: u64) -> u64 {
 
 /// Runs a system for 5 s under `attack`, which must return once the flag passed to it is set.
 ///
-/// Returns the run and the peak memory of the gateway, KiB.
+/// Returns the run and the peak memory of the gateway in KiB.
 fn run_under_attack(system: &System, attack: impl Fn(&str, &AtomicBool) + Sync) -> (Run, u64) {
     let running = system.start(&[]);
     let endpoint = endpoint(system);

@@ -10,8 +10,8 @@ use serde_json::Value;
 use super::score::{folder_with, number, scores};
 use crate::common::python::python;
 
-/// Largest accepted difference between the errors of the Python package vqf and of the stage `vqf`,
-/// degrees. Package and stage assume different sampling times.
+/// Largest accepted difference in degrees between the errors of the Python package vqf and of the
+/// stage `vqf`. Package and stage assume different sampling times.
 const MAX_VQF_DIFFERENCE_DEG: f64 = 0.01;
 const METRICS: [&str; 3] = ["total", "heading", "inclination"];
 

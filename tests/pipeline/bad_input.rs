@@ -130,7 +130,7 @@ impl Recording {
 /// Index of the row at which the fault begins.
 const FAULT: usize = (FAULT_S * RATE_HZ) as usize;
 
-/// Returns the inclination RMSE from `FAULT_S` to the end of a fault-free recording, degrees.
+/// Returns the inclination RMSE in degrees from `FAULT_S` to the end of a fault-free recording.
 fn clean_rmse_deg() -> f64 {
     static RMSE_DEG: OnceLock<f64> = OnceLock::new();
     *RMSE_DEG.get_or_init(|| {

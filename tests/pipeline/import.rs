@@ -5,7 +5,7 @@ use crate::common::{System, data, plumb};
 use flate2::read::GzDecoder;
 use serde_json::Value;
 
-/// Maximum inclination error of `wz` against PX4's own estimate, degrees.
+/// Maximum inclination error of `wz` against PX4's own estimate, in degrees.
 const MAX_INCLINATION_ERROR_DEG: f64 = 0.3;
 
 fn inclination_deg(files: &[&str]) -> f64 {

@@ -195,7 +195,7 @@ fn estimates(text: &str) -> Vec<(f64, [f64; 4])> {
         .collect()
 }
 
-/// Returns the RMS inclination and total error after the first 10 s, degrees. Attitudes are
+/// Returns the RMS inclination and total error in degrees after the first 10 s. Attitudes are
 /// compared with the reference nearest in time.
 fn error_deg(attitudes: &[(f64, [f64; 4])], reference: &[(f64, [f64; 4])]) -> [f64; 2] {
     let from_s = attitudes[0].0 + 10.0;
@@ -220,7 +220,7 @@ fn enu_flu_angles_follow_rep_103() {
         System::new("output = { frame = \"enu-flu\", quaternion = \"xyzw\" }\ningest.sim.scenario = \"tumble\"");
     let out = system.path("out.csv");
     fs::write(&out, run_output(&system, &["--in-process", "--columns", "angles"])).unwrap();
-    // REP 103: intrinsic rotations about z, y and x.
+    // By REP 103, the angles are intrinsic rotations about z, y and x.
     let check = "
 import csv, sys
 from scipy.spatial.transform import Rotation

@@ -11,8 +11,8 @@ use crate::common::{Run, System, assert_valid_attitudes, attitudes, inclination_
 use attitude::Quaternion;
 use flate2::read::MultiGzDecoder;
 
-/// Maximum mean error over the ten BROAD trials, degrees. VQF achieves 0.665° without magnetometer
-/// data (benches/README.md).
+/// Maximum mean error over the ten BROAD trials, in degrees. VQF achieves 0.665° without
+/// magnetometer data (benches/README.md).
 const MAX_BROAD_ERROR_DEG: f64 = 0.64;
 const TRIAL: &str = "07_undisturbed_fast_rotation_B.csv.gz";
 

@@ -5,7 +5,7 @@ use crate::common::{System, plumb};
 use serde_json::Value;
 use tempfile::TempDir;
 
-/// Maximum mean error over the ten BROAD trials without magnetometer data, degrees. VQF achieves
+/// Maximum mean error over the ten BROAD trials without magnetometer data, in degrees. VQF achieves
 /// 0.665° (benches/README.md).
 const MAX_BROAD_ERROR_DEG: f64 = 0.64;
 const TRIAL: &str = "broad/07_undisturbed_fast_rotation_B.csv.gz";

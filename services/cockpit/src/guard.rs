@@ -22,8 +22,8 @@ pub(crate) const FOXGLOVE_PATH: &str = "/foxglove";
 /// Host names of the loopback interface.
 const LOOPBACK_NAMES: [&str; 3] = ["127.0.0.1", "localhost", "[::1]"];
 
-/// Response headers that restrict what a browser may do with the page: load only its own resources,
-/// and never show it in a frame.
+/// Response headers that restrict the page in the browser. The page may load only its own
+/// resources, and may not be shown in a frame.
 const SECURITY_HEADERS: [(&str, &str); 8] = [
     (
         "content-security-policy",

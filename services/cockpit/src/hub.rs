@@ -24,8 +24,9 @@ use crate::{calibration::CalibrationRequest, decimator::MAX_EVENTS};
 /// Maximum number of snapshots by which a viewer may be late. They span a quarter of a second. A
 /// viewer that falls further behind continues with the newest snapshot.
 const MAX_LATE_SNAPSHOTS: usize = 8;
-/// Time for which a new viewer receives every snapshot, however late it is. The snapshots of the
-/// last minute take about 2 MB, and a page is busy while it loads.
+/// Time for which a new viewer receives every snapshot, however late it is. A new viewer needs this
+/// time, because the snapshots of the last minute take about 2 MB and a page is busy while it
+/// loads.
 const CATCH_UP_TIME: Duration = Duration::from_secs(10);
 
 /// Time for which snapshots are kept for new viewers. It equals the time span of the strip charts

@@ -31,8 +31,8 @@ pub fn observed_topics() -> impl Iterator<Item = Topic> {
     Topic::ALL.iter().copied().rev().filter(|topic| is_observed(*topic))
 }
 
-/// Returns `true` for a topic that is shown: any topic except those with unchecked readings and
-/// those for exchanges between services.
+/// Returns `true` for a topic that is shown. Topics with unchecked readings and topics for
+/// exchanges between services are not shown.
 fn is_observed(topic: Topic) -> bool {
     match topic {
         Topic::Imu | Topic::Mag | Topic::Gnss | Topic::Reference => true,

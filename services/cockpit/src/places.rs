@@ -233,8 +233,8 @@ impl Drop for PlaceState {
     }
 }
 
-/// Returns the part of an address that one user cannot choose freely: the whole IPv4 address, or
-/// the first 64 bits of an IPv6 address.
+/// Returns the part of an address that a user cannot vary at will. This is the whole IPv4 address,
+/// or the first 64 bits of an IPv6 address.
 fn network(address: IpAddr) -> IpAddr {
     match address.to_canonical() {
         IpAddr::V4(address) => address.into(),

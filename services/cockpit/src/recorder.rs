@@ -172,8 +172,8 @@ fn record(
     *progress = Recording { active: false, file, bytes: summary.bytes, seconds: summary.seconds, result };
 }
 
-/// Returns the folder to which relative paths of a system's launch file refer: the one in which its
-/// supervisor runs.
+/// Returns the folder in which the supervisor of a system runs. Relative paths in the launch file
+/// refer to this folder.
 fn system_folder(supervisor_pid: u32) -> PathBuf {
     fs::read_link(format!("/proc/{supervisor_pid}/cwd")).unwrap_or_default()
 }

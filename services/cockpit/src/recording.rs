@@ -13,8 +13,8 @@ use wire::{
 
 use crate::{SNAPSHOT_INTERVAL, decimator::Decimator};
 
-/// Maximum number of snapshots of a recording: half an hour at the live rate. Longer recordings get
-/// longer snapshots.
+/// Maximum number of snapshots of a recording. At the live rate, they cover half an hour. Longer
+/// recordings get longer snapshots.
 const MAX_SNAPSHOTS: u64 = 60_000;
 /// Maximum number of snapshots in a reply.
 const MAX_REPLY_SNAPSHOTS: usize = 4096;

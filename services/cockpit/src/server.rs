@@ -399,7 +399,7 @@ async fn metrics_page(State(state): State<Arc<ServerState>>, uri: Uri, headers: 
     ([(header::CONTENT_TYPE, metrics::CONTENT_TYPE)], text).into_response()
 }
 
-/// Serves `/pictures?FROM+COUNT`: snapshots of a recording.
+/// Serves `/pictures?FROM+COUNT`, which returns snapshots of a recording.
 async fn recording_snapshots(State(state): State<Arc<ServerState>>, request: Request) -> Response {
     if let Some(rejection) = state.authorization_error(request.headers()) {
         return rejection;

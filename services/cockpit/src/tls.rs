@@ -77,8 +77,8 @@ pub(crate) fn acceptor(CockpitTls { cert, key }: &CockpitTls) -> Result<TlsAccep
     Ok(TlsAcceptor::from(Arc::new(config)))
 }
 
-/// Returns `true` if the file permissions allow any access by users other than the owner and the
-/// group.
+/// Returns `true` if the file permissions allow any access by users that are neither the owner nor
+/// in the group.
 fn is_readable_by_others(path: &Path) -> io::Result<bool> {
     use std::os::unix::fs::PermissionsExt as _;
     Ok(path.metadata()?.permissions().mode() & 0o007 != 0)

@@ -25,7 +25,8 @@ use crate::{
 
 /// Baud rates in the order in which they are tried, the usual ones first.
 const BAUD_RATES: [u64; 7] = [115_200, 9_600, 921_600, 460_800, 57_600, 230_400, 38_400];
-/// Time for which a port is read at one baud rate. A receiver sends at least once per second.
+/// Time for which a port is read at one baud rate. It includes at least one message of a receiver,
+/// because receivers send at least once per second.
 const LISTENING_TIME: Duration = Duration::from_millis(1_500);
 /// Maximum time spent on one port.
 pub const MAX_PORT_TIME: Duration = Duration::from_millis(1_500 * BAUD_RATES.len() as u64 + 500);

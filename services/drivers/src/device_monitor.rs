@@ -43,7 +43,7 @@ const SILENCE_S: usize = 3;
 /// Number of bytes without a valid message at which a wrong format or baud rate is reported. It is
 /// many times the length of a typical message.
 const FORMAT_BYTES: u64 = 1024;
-/// Minimum number of received messages without a measurement at which a problem is reported.
+/// Number of received messages without a measurement at which a problem is reported.
 const MIN_MESSAGES: u64 = 100;
 /// Maximum share of rejected messages. An intact connection stays below it.
 const MAX_REJECTED_SHARE: f64 = 0.01;

@@ -19,7 +19,7 @@ const TABLES: [&str; 2] = ["/proc/net/udp", "/proc/net/udp6"];
 const UPDATE_INTERVAL: Duration = Duration::from_secs(1);
 /// Maximum number of sockets that are searched per table.
 const MAX_SOCKETS: usize = 1 << 16;
-/// Indices of the columns of a table that contain the inode and the drops of a socket.
+/// Indices of the table columns with the inode of a socket and the number of its dropped datagrams.
 const INODE_COLUMN: usize = 9;
 const DROPS_COLUMN: usize = 12;
 
@@ -58,8 +58,8 @@ impl DropCounter {
     }
 }
 
-/// Returns the number of drops of the socket with the given inode, or `None` if the table does not
-/// list the socket.
+/// Returns the number of datagrams dropped at the socket with the given inode, or `None` if the
+/// table does not list the socket.
 fn drops_in(table: impl BufRead, inode: u64) -> Option<u32> {
     table.lines().take(MAX_SOCKETS).map_while(Result::ok).find_map(|line| {
         let mut columns = line.split_ascii_whitespace();

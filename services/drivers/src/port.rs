@@ -144,8 +144,8 @@ fn connect(address: &str) -> io::Result<TcpStream> {
     Err(last_error)
 }
 
-/// Opens a serial port exclusively and read-only: eight data bits, no parity, one stop bit, no flow
-/// control, raw bytes.
+/// Opens a serial port exclusively and read-only, for raw bytes with eight data bits, no parity,
+/// one stop bit and no flow control.
 fn open_serial(path: &Path, baud: u64) -> io::Result<File> {
     let flags = OFlags::RDONLY | OFlags::NOCTTY | OFlags::NONBLOCK | OFlags::CLOEXEC;
     let fd = open(path, flags, Mode::empty())?;

@@ -81,7 +81,7 @@ impl ReadingPublisher {
         Ok(self.queue.is_empty())
     }
 
-    /// Delivers the publishers' history to a process of ingest that has just joined.
+    /// Delivers the publishers' history to an ingest process that has just joined.
     pub(crate) fn deliver_history(&self) -> Result<(), BusError> {
         self.sensor.iter().try_for_each(Publisher::deliver_history)?;
         self.receiver.deliver_history()

@@ -69,7 +69,8 @@ impl DeviceStream {
         make_decoder: DecoderFactory,
     ) -> Result<Self, DriversError> {
         let text = preamble.map(|preamble| TextState { preamble, starts_mid_line: false });
-        // Errors of the settings are found before the first bytes arrive.
+        // The decoder is created now, so that errors in its settings are found before the first
+        // bytes arrive.
         let decoder = new_decoder(&make_decoder, text.as_ref())?;
         let decoding = match port {
             Port::Udp(_) => Decoding::Datagrams(SenderDecoders::default()),

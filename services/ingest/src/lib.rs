@@ -4,8 +4,8 @@
 //!
 //! Output: one [`ImuSample`] per tick, and the true attitude if the source provides it.
 //!
-//! Time: readings are published when they are due; in lockstep, not before the subscribers have
-//! room.
+//! Time: readings are published when they are due. In lockstep, they also wait until the
+//! subscribers have room.
 //!
 //! Failure: see [`mod@readings::conditioner`].
 #![forbid(unsafe_code)]

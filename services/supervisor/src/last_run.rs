@@ -1,4 +1,4 @@
-//! Record of a run in a file. After the supervisor has died, the end of the run is reported from
+//! Record of a run in a file. If the supervisor dies, other commands report the end of the run from
 //! this file.
 //!
 //! - Input: start, progress and failure of a run.
@@ -21,7 +21,7 @@ use time::UtcDateTime;
 use crate::warm::{file, state_folder};
 
 /// Interval between two refreshes: a compromise between the uncertainty of the time of death and
-/// wear of a memory card.
+/// the wear of a memory card.
 const REFRESH_INTERVAL: Duration = Duration::from_secs(10);
 /// State folder of plumbline.service, which other users may inspect.
 const SERVICE_FOLDER: &str = "/var/lib/plumbline";
@@ -59,8 +59,8 @@ struct Failure {
 pub struct LastRun {
     /// Start of the run, s since 1970.
     pub started_unix_s: u64,
-    /// End of the run, s since 1970. For a run that was killed, the last time at which the run was
-    /// known to be alive.
+    /// End of the run, s since 1970. For a run that was killed, the last time at which the
+    /// supervisor was known to be alive.
     pub ended_unix_s: u64,
     /// Reason why the run ended.
     pub reason: EndReason,

@@ -70,10 +70,10 @@ pub struct LatencyUs {
     pub max: f64,
 }
 
-/// Error of the inclination against the reference attitude, degrees.
+/// Error of the inclination against the reference attitude, in degrees.
 #[derive(Debug, Clone, Copy, Serialize)]
 pub struct ErrorDeg {
-    /// Root mean square error, degrees.
+    /// Root mean square error, in degrees.
     pub inclination_rmse: f64,
     /// Maximum error, degrees.
     pub inclination_max: f64,

@@ -55,7 +55,8 @@ pub(crate) fn set_class(pid: u32, class: SchedulingClass) {
     let Ok(own) = attributes_of(CALLING_THREAD) else { return };
     let class =
         if class == SchedulingClass::Starting && !can_restore(&own) { SchedulingClass::Auxiliary } else { class };
-    // An error is ignored: the process has just exited, or the kernel does not support slices.
+    // An error is ignored, because it means that the process has just exited or that the kernel
+    // does not support slices.
     let _ = schedule(pid, &attributes(own, class));
 }
 

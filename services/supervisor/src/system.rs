@@ -218,8 +218,8 @@ impl System {
         self.recorder.as_ref()?.failure().map(str::to_owned)
     }
 
-    /// Checks whether files of the bus were removed or damaged: periodically, and whenever a
-    /// process has exited. Opens the control socket again if it was removed or replaced.
+    /// Checks periodically, and whenever a process has exited, if files of the bus were removed or
+    /// damaged. Opens the control socket again if it was removed or replaced.
     fn check_bus_files(&mut self, has_exits: bool, collector: &mut Collector) -> Result<(), UpError> {
         let Some(claim) =
             self.claim.as_ref().filter(|_| has_exits || self.last_file_check.elapsed() >= FILE_CHECK_INTERVAL)
@@ -398,7 +398,7 @@ impl System {
         }
     }
 
-    /// Checks the input received since the previous call, until the check is finished.
+    /// Checks the input received since the previous call. Does nothing once the check is finished.
     fn check_input(&mut self) {
         let Some(connection) = &mut self.connection else { return };
         let warnings = connection.input.as_mut().map_or(Vec::new(), |input| input.poll(&mut self.checker));

@@ -157,8 +157,8 @@ fn ground_parties_cannot_publish() {
         let forged = "plumbline/v1/alpha/course";
         for party in ["viewer.wall", "operator.ann"] {
             let ground = site.session(party);
-            // Messages on one connection stay in order: the reply follows the forged message, and
-            // the vehicle's own message follows the reply.
+            // Messages on one connection stay in order, so the reply follows the forged message,
+            // and the vehicle's own message follows the reply.
             wait_for("a reply", || {
                 ground.put(forged, "forged").wait().unwrap();
                 !query_keys(&ground, ATTITUDE).is_empty()

@@ -41,8 +41,8 @@ const REQUEST_INTERVAL: Duration = Duration::from_millis(100);
 const REPLY_TIMEOUT: Duration = Duration::from_secs(2);
 /// Maximum number of frames processed between two checks for missing ticks.
 const MAX_FRAMES_PER_POLL: usize = 256;
-/// Time without credit after which ticks are published anyway, so that a stalled slot blocks the
-/// other slots no longer than this.
+/// Time without credit after which ticks are published anyway. It limits the time for which a
+/// stalled slot blocks the other slots.
 const CREDIT_TIMEOUT: Duration = Duration::from_secs(5);
 
 /// Minimum interval between reports of lost ticks.

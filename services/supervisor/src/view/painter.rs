@@ -130,7 +130,7 @@ fn lock(queue: &Mutex<PaintQueue>) -> MutexGuard<'_, PaintQueue> {
 
 fn print_line(screen: Option<&Screen>, line: &str) {
     match screen {
-        // An error is ignored: there is no other place to report it.
+        // An error is ignored, because there is no other place to report it.
         Some(screen) => drop(screen.all.println(line)),
         None => terminal::write_line(line, terminal::NO_TIMEOUT),
     }

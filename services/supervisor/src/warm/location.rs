@@ -8,7 +8,7 @@ use launch::{Launch, Service, Source, StateFile};
 ///
 /// `is_live` is `true` for a run in real time with one process per service.
 pub(crate) fn state_file_path(launch: &Launch, is_live: bool) -> Option<PathBuf> {
-    // The calibration is on the host of ingest and the bias on the host of the fuser, so both
+    // The calibration is known on the host of ingest and the bias on the host of the fuser, so both
     // services must run here.
     let has_both = [Service::Ingest, Service::Fuser].iter().all(|service| launch.services.contains(service));
     // Runs with injected faults are excluded, because such faults are not errors of the sensor.
