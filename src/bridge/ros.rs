@@ -55,10 +55,10 @@ pub(crate) struct Ros {
     /// Topic of the magnetic field (sensor_msgs/msg/MagneticField)
     #[arg(long, value_name = "TOPIC", default_value = "imu/mag", value_parser = parse_topic_name)]
     mag_topic: String,
-    /// Frame id of the body, the child in /tf: forward, left, up
+    /// Frame id of the body (child in /tf), with axes forward, left, up
     #[arg(long, value_name = "NAME", default_value = "imu_link", value_parser = parse_frame_id)]
     frame_id: String,
-    /// Frame id of the parent in /tf: east, north, up
+    /// Frame id of the parent in /tf, with axes east, north, up
     #[arg(long, value_name = "NAME", default_value = "map", value_parser = parse_frame_id)]
     parent_frame_id: String,
     /// Do not publish /tf (if another node publishes the body frame)

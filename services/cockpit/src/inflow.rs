@@ -52,7 +52,7 @@ pub(crate) struct Inflow {
 }
 
 impl Inflow {
-    /// Starts counting when the connection has become a WebSocket.
+    /// Starts counting. Called when the connection becomes a WebSocket.
     pub(crate) fn start_messages(&self) {
         self.partial_bytes.store(0, Ordering::Relaxed);
         self.has_messages.store(true, Ordering::Relaxed);

@@ -194,7 +194,8 @@ impl DeviceStream {
                         }
                         None => {
                             if after_outage {
-                                // Discards the preamble before the bytes of another sender.
+                                // A new decoder is created, so that partial messages are not joined
+                                // across the outage.
                                 *previous_counts = *previous_counts + decoder.counts();
                                 *decoder = (self.make_decoder)()?;
                                 decoder.set_time(now);

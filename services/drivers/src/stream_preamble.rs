@@ -62,7 +62,7 @@ impl StreamPreamble {
         checkpoints.iter().try_for_each(|checkpoints| checkpoints.send(&to_checkpoint(text, *incarnation)))
     }
 
-    /// Discards the preamble, because the bytes that follow come from another sender.
+    /// Discards the preamble. Called before the bytes of another sender are recorded.
     pub(crate) fn restart(&mut self) {
         self.text.clear();
         self.is_complete = false;
