@@ -38,8 +38,8 @@ struct BackgroundTask {
 }
 
 impl BackgroundTask {
-    /// Calls `each` repeatedly with the number of the call. Stops when `each` returns `false` or
-    /// the task is dropped.
+    /// Calls `each` repeatedly with the number of the call as its argument. Stops when `each`
+    /// returns `false` or the task is dropped.
     fn start(pause: Duration, each: impl FnMut(u64) -> bool + Send + 'static) -> Self {
         Self::start_on_thread(pause, || each)
     }

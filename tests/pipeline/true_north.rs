@@ -1,5 +1,5 @@
-//! True north: a magnetic course is converted identically in every process, after a restart and on
-//! any day.
+//! True north: the conversion of a magnetic course gives the same result in every process, after a
+//! restart and on any day.
 use std::{
     fs,
     io::{BufRead, BufReader, Write},

@@ -129,7 +129,8 @@ fn stage_in_any_language_swaps_without_loss() {
     }
 }
 
-/// Runs a system with the stage as its fuser and with these arguments.
+/// Runs a system in which the fuser is the stage built with `compiler`. `arguments` are added to
+/// the command line.
 ///
 /// Calls `end`, which may stop the system, and waits for the run to end. Returns the output file,
 /// the number of ticks and the messages on standard error.

@@ -13,7 +13,7 @@ use rustix::process::Signal;
 
 /// Returns the files of the system in `/dev/shm` that have names ending in `kind`.
 ///
-/// An empty `kind` selects all files. The name of the system selects the system's folder.
+/// An empty `kind` selects all files, and the name of the system selects only the system's folder.
 pub(crate) fn files(system: &System, kind: &str) -> Vec<PathBuf> {
     let all = system.leftovers().into_iter().map(|name| PathBuf::from("/dev/shm").join(name));
     all.filter(|path| path.to_str().unwrap().ends_with(kind)).collect()

@@ -9,7 +9,7 @@ use messages::SensorReading;
 use rustix::process::Signal;
 use serde_json::Value;
 
-/// Creates a system with a course stage in which every incarnation has the same fault.
+/// Creates a system with a course stage that has the same fault in every incarnation.
 fn system_with_failing_stage(buffer: &str, fault: &str, rule: &str) -> System {
     let stage =
         |name: &str| format!("[stages.{name}]\nslot = \"course\"\ncommand = [{:?}, \"{name}\"]\n", faulty_executable());

@@ -93,7 +93,7 @@ fn program_upgrade_does_not_affect_running_system() {
     let mut system = System::new("");
     let (installed, another) = (system.path("plumb"), system.path("another"));
     copy_program(&system.executable, &installed);
-    // The new file at this path is not a service.
+    // The upgrade replaces the executable with a program that is not a service.
     copy_program(Path::new("/bin/false"), &another);
     system.executable = installed.clone();
     let out = system.path("out.csv");

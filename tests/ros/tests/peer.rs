@@ -328,7 +328,7 @@ impl System {
 impl Drop for System {
     fn drop(&mut self) {
         if let Some(mut process) = self.process.take() {
-            // A test has failed. The supervisor is interrupted, so that it also stops the services.
+            // The test has failed. Interrupting the supervisor also stops the services.
             interrupt(&process);
             drop(self.stderr.take());
             let _ = process.wait();

@@ -51,8 +51,8 @@ pub struct AttitudeMonitor {
     newest: Option<AttitudeOutput>,
     /// Union of the flags since the last report.
     flags: Flags,
-    /// Tick and publication time, ns, of the newest attitude at the last report. Before the first
-    /// report, these are the values of the first attitude.
+    /// Tick of the newest attitude at the last report, and time of its publication in ns. Before
+    /// the first report, these are the values of the first attitude.
     previous: Option<(u64, u64)>,
 }
 

@@ -30,9 +30,10 @@ const COMPANION: [u8; 2] = [18, 8];
 const LOCAL_NED: u8 = 1;
 /// `MAV_FRAME_BODY_FRD`: body axes forward, right, down.
 const BODY_FRD: u8 = 12;
-/// `MAV_FRAME_LOCAL_FRD`: level axes, of which the first does not point to true north.
+/// `MAV_FRAME_LOCAL_FRD`: level axes. The first axis does not point to true north.
 const LOCAL_FRD: u8 = 20;
-/// `MAV_ESTIMATOR_TYPE_UNKNOWN`: no other type describes an estimator of attitude only.
+/// `MAV_ESTIMATOR_TYPE_UNKNOWN`, because no other type describes an estimator that estimates only
+/// the attitude.
 const UNKNOWN_ESTIMATOR: u8 = 0;
 /// Unknown `quality` of ODOMETRY.
 const UNKNOWN_QUALITY: u8 = 0;

@@ -213,7 +213,8 @@ fn swap(system: &mut SystemUnderTest, name: &str, to: &str, show: &mut dyn FnMut
 fn compare(system: &SystemUnderTest) -> Result<DemoReport, CampaignError> {
     let outputs = system.outputs();
     let next_tick = outputs.first().map_or(0, |output| output.header.tick);
-    // A restarted service repeats attitudes that its predecessor may not have published.
+    // A restarted service repeats attitudes that its predecessor may not have published. Only the
+    // first copy of each attitude is compared.
     let mut sequence = Sequence { next_tick, ..Sequence::default() };
     let observed: Vec<_> = outputs.iter().filter(|output| sequence.admit(&output.header).is_some()).collect();
     let ticks = observed.len() as u64;
@@ -231,7 +232,7 @@ fn compare(system: &SystemUnderTest) -> Result<DemoReport, CampaignError> {
     Ok(DemoReport { ticks, lost: sequence.lost, different, inclination_rmse_deg })
 }
 
-/// Passes the attitude and the true attitude of each tick to `handle`.
+/// Passes the estimated and the true attitude of each tick to `handle`.
 fn compute_undisturbed(
     launch: PathBuf,
     max_ticks: u64,

@@ -38,7 +38,7 @@ pub struct KillCampaign {
 /// Result of a kill campaign.
 #[derive(Debug, Clone, Serialize)]
 pub struct KillCampaignReport {
-    /// Number of kills after which another attitude was published.
+    /// Number of kills that were followed by a new attitude.
     pub kills: u32,
     /// Number of ticks with an attitude.
     pub ticks: u64,

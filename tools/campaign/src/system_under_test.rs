@@ -150,7 +150,7 @@ impl SystemUnderTest {
     }
 
     /// Waits until the system has announced the address of its cockpit. Returns `None` after a
-    /// timeout, because the system also runs without its cockpit.
+    /// timeout. The timeout is not an error, because the system also runs without its cockpit.
     pub(crate) fn wait_for_cockpit(&mut self) -> Result<Option<String>, CampaignError> {
         let log = self.process.folder.path().join("log");
         let deadline = Instant::now() + START_TIMEOUT;
@@ -171,8 +171,8 @@ impl SystemUnderTest {
         let _ = Pid::from_raw(self.process.child.id() as i32).map(|pid| kill_process(pid, Signal::INT));
     }
 
-    /// Kills a service and returns the time of the kill, ns (CLOCK_MONOTONIC). Returns `None` if
-    /// the service has not reported a new process since it was last killed.
+    /// Kills a service and returns the time of the kill in ns of CLOCK_MONOTONIC. Returns `None` if
+    /// the service has not reported a new process since the previous kill.
     pub(crate) fn kill(&mut self, service: Service) -> Option<u64> {
         let pid = Pid::from_raw(std::mem::take(&mut self.pids[service as usize]) as i32)?;
         self.killed[service as usize] = pid.as_raw_nonzero().get() as u32;
@@ -215,7 +215,7 @@ struct SystemProcess {
 }
 
 impl SystemProcess {
-    /// Joins the bus of the system, once the process owns the system's name.
+    /// Waits until the process owns the system's name, then joins the bus of the system.
     fn join_bus(&mut self, name: &str) -> Result<Bus, CampaignError> {
         let system_name = SystemName::new(name)?;
         let deadline = Instant::now() + START_TIMEOUT;

@@ -71,7 +71,7 @@ impl<'a> Budget<'a> {
         }
     }
 
-    /// Returns the cases of a check for which there is time, but at least the first case.
+    /// Returns as many cases of a check as there is time for, but at least the first case.
     pub(crate) fn cases<I: IntoIterator>(&self, cases: I) -> impl Iterator<Item = I::Item> {
         cases.into_iter().enumerate().filter_map(|(index, case)| {
             if index == 0 || !is_over(self.group_end.get()) {

@@ -63,8 +63,9 @@ fn step_all<L: SlotSpec, S: SlotStage<L>>(stage: &mut S, inputs: &[(usize, L::In
     });
 }
 
-/// Returns the inclination RMSE after settling, degrees, of a stage that processes all inputs
-/// without a hand-over. Returns 0 if stages of the slot need not report the exact inclination.
+/// Returns the inclination RMSE in degrees of a stage that processes all inputs without a
+/// hand-over. The settling time is not included. Returns 0 if stages of the slot need not report
+/// the exact inclination.
 fn undisturbed_rmse_deg<L: SlotSpec, S: SlotStage<L>>(mut stage: S, inputs: &[(usize, L::Input)]) -> f64 {
     if L::HAS_EXACT_LEVEL { run_to_end::<L, S>(&mut stage, inputs, "without hand-over").rmse_deg } else { 0.0 }
 }

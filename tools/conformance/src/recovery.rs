@@ -79,7 +79,7 @@ pub(crate) fn checks<L: SlotSpec, S: SlotStage<L>>(make: &impl Fn() -> S, budget
     checks
 }
 
-/// Returns the time from the end of the fault until the error finally stays within the bound, s.
+/// Returns the time in seconds from the end of the fault until the error stays within the bound.
 /// Returns `None` if the last error of the script exceeds the bound.
 ///
 /// `errors_deg` begins at the start of the fault.

@@ -45,7 +45,8 @@ pub(crate) struct PrefixRun<L: SlotSpec, S> {
 /// Result of a run that resumes after the ticks of a [`PrefixRun`].
 pub(crate) struct RunOutcome<S> {
     pub(crate) stage: S,
-    /// Time, s, and inclination error, degrees, at each tick up to the first invalid output.
+    /// Time in seconds and inclination error in degrees at each tick up to the first invalid
+    /// output.
     pub(crate) errors_deg: Vec<(f64, f64)>,
     /// Description of the first invalid output, which may be from the ticks of the [`PrefixRun`].
     pub(crate) invalid_output: Option<String>,

@@ -189,8 +189,8 @@ fn is_finite(vector: &Vector3<f64>) -> bool {
     vector.iter().all(|component| component.is_finite())
 }
 
-/// Copies a rate or an interval that is not finite from the tick to a motion. An upstream stage
-/// without checks would pass on such values.
+/// Copies a rate or an interval from the tick to a motion if the value is not finite. This
+/// simulates an upstream stage that passes on such values without checking them.
 fn with_non_finite_values(motion: Motion, tick: &Tick) -> Motion {
     let rate_rad_s = tick.rate_rad_s.filter(|rate| !is_finite(rate)).unwrap_or(motion.rate_rad_s);
     Motion { rate_rad_s, dt_s: if tick.dt_s.is_finite() { motion.dt_s } else { tick.dt_s }, ..motion }

@@ -1,4 +1,4 @@
-//! Rendering of a snapshot for the size of the terminal.
+//! Draws a snapshot to fit the size of the terminal.
 //!
 //! A terminal of 80×24 or more shows everything. A smaller terminal shows no horizon and no trends,
 //! and a terminal below 40×8 shows only state and attitude.

@@ -39,7 +39,7 @@ impl Screen {
     ///
     /// # Errors
     ///
-    /// Returns an error if the terminal cannot be switched. The terminal is then restored.
+    /// Returns an error if the terminal cannot be switched. In this case, the terminal is restored.
     pub fn open() -> io::Result<Self> {
         ratatui::try_init().map(Self).inspect_err(|_| ratatui::restore())
     }

@@ -17,7 +17,7 @@ pub trait Draw {
         B::ErrorType: 'static;
 }
 
-/// Draws an SVG of `size`, pixels, and returns its text.
+/// Draws an SVG with a `size` in pixels and returns its text.
 ///
 /// # Errors
 ///

@@ -276,7 +276,7 @@ where
 pub struct Stack {
     /// Title above all charts.
     pub title: String,
-    /// Charts from the top.
+    /// Charts from top to bottom.
     pub charts: Vec<Chart>,
 }
 

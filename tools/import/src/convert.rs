@@ -32,8 +32,8 @@ const PROGRESS_INTERVAL_SAMPLES: u64 = 1024;
 /// wrong or that gravity has been removed.
 const PLAUSIBLE_MEAN_FORCE_M_S2: std::ops::Range<f64> = 7.0..14.0;
 
-/// Plausible range of the mean magnetic field, µT. Iron in the vehicle can remove two thirds of the
-/// Earth's field, 22 to 67 µT, or add three times as much.
+/// Plausible range of the mean magnetic field, µT. The Earth's field is 22 to 67 µT. Iron in the
+/// vehicle can cancel two thirds of this field or add three times as much.
 const PLAUSIBLE_MEAN_FIELD_UT: std::ops::Range<f64> = 8.0..240.0;
 
 /// Minimum number of magnetometer samples for a check of their magnitude. Fewer samples may all be

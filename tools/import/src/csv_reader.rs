@@ -292,7 +292,8 @@ enum OwnedLine {
 struct Lines {
     path: PathBuf,
     inner: Box<dyn BufRead>,
-    /// Last byte of a line: a carriage return if the start of the file has no newline.
+    /// Byte that ends a line: a newline, or a carriage return if the start of the file has carriage
+    /// returns and no newline.
     end: u8,
     /// `true` until the first row. Column names may then be in Latin-1, for a unit such as °/s.
     is_before_rows: bool,
@@ -313,7 +314,7 @@ impl Lines {
         } else {
             Box::new(file)
         };
-        // Damage in a compressed file is reported with the line number.
+        // Damage in a compressed file is ignored here and reported later, with the line number.
         let start = inner.fill_buf().unwrap_or_default();
         let end = if start.contains(&b'\r') && !start.contains(&b'\n') { b'\r' } else { b'\n' };
         Ok(Self { path: path.to_owned(), inner, end, is_before_rows: true, line: 0, damage: None, unended_row: None })

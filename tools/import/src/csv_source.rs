@@ -389,8 +389,8 @@ impl CsvFiles {
         })
     }
 
-    /// Returns the error of a recording with a misspelt column name. The input must be a single
-    /// file that has most columns of a recording.
+    /// Returns the error for a misspelt column name in a recording. The input counts as a recording
+    /// if it is a single file that has most columns of a recording.
     fn recording_error(&self) -> Option<RecordingError> {
         let [(path, names)] = &self.columns[..] else { return None };
         let known = RECORDING_COLUMNS.iter().filter(|known| names.iter().any(|name| name.raw() == **known)).count();

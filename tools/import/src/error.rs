@@ -164,7 +164,7 @@ pub enum ImportError {
     HeaderUnits {
         /// Path of the file.
         path: PathBuf,
-        /// Error of the names.
+        /// Error in the column names.
         error: Box<HeaderError>,
     },
     /// The mapping is invalid.

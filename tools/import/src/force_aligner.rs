@@ -18,8 +18,8 @@ use crate::{
 
 /// Maximum gap between two force samples across which the force is interpolated, ns.
 const MAX_INTERPOLATION_GAP_NS: u64 = 200_000_000;
-/// Maximum time between a rate sample and the nearest force sample, ns. The limit applies if
-/// interpolation is not possible, so that the nearest force is used unchanged.
+/// Maximum time between a rate sample and the nearest force sample, ns. If interpolation is not
+/// possible, the nearest force is used unchanged up to this limit.
 const MAX_HOLD_NS: u64 = 20_000_000;
 /// Maximum number of rate samples waiting for a later force sample.
 const MAX_PENDING: usize = 1024;

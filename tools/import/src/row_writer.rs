@@ -16,7 +16,7 @@ use recording::{Reference, Row, Writer, rotated};
 
 use crate::ImportError;
 
-/// Time, ns, and vector of a sample.
+/// Time in ns and vector of a sample.
 pub(crate) type Sample = (i64, [f64; 3]);
 
 /// Maximum time between a magnetic field sample and its row, ns.
@@ -29,15 +29,16 @@ const MAX_REFERENCE_GAP_NS: u64 = 60_000_000;
 /// A reference is slow if its gaps are longer than [`MAX_REFERENCE_GAP_NS`]. It is interpolated
 /// only if the rotation during the gap is small. The limit allows for references at 1 Hz.
 const MAX_SLOW_REFERENCE_GAP_NS: u64 = 1_100_000_000;
-/// Cosine of half the largest rotation across which a slow reference is interpolated: 5°.
+/// Cosine of half the largest rotation (5°) for which a slow reference is interpolated.
 const MIN_HALF_ROTATION_COS: f64 = 0.999_048_221_581_857_8;
 /// Maximum number of attitudes that are read to determine whether a reference is slow and calm.
 const MAX_JUDGED_ATTITUDES: usize = 10_000;
 /// Minimum number of attitudes for recognising a reference that is not slow.
 const MIN_JUDGED_ATTITUDES: usize = 100;
-/// Maximum share of large rotations up to which a slow reference is interpolated.
+/// Maximum share of large rotations in a slow reference that is interpolated.
 ///
-/// If only the calm parts of a motion were interpolated, they would dominate the error statistics.
+/// If the share is larger, only the calm parts of the motion could be interpolated, and these parts
+/// would dominate the error statistics.
 const MAX_LARGE_ROTATION_SHARE: f64 = 0.01;
 /// Maximum number of row intervals from which the median interval is computed.
 const MAX_MEDIAN_INTERVALS: usize = 100_000;

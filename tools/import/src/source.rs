@@ -96,7 +96,7 @@ pub(crate) struct Survey {
     pub(crate) has_reference: bool,
     pub(crate) has_fixes: bool,
     pub(crate) notes: Vec<Note>,
-    /// Sensors of which one can be chosen.
+    /// Sensors from which the user can choose one.
     pub(crate) sensors: Vec<Sensor>,
     /// Reason to report if no row was written.
     pub(crate) reason: Option<ForeignText>,

@@ -39,7 +39,7 @@ pub struct Summary {
     pub fixes: u64,
     /// Path of the fixes file; `None` if there are no fixes.
     pub fixes_file: Option<PathBuf>,
-    /// Sensors of which one can be chosen.
+    /// Sensors from which the user can choose one.
     pub sensors: Vec<Sensor>,
     /// Skipped, missing or implausible data, most important first.
     pub notes: Vec<Note>,
@@ -48,7 +48,7 @@ pub struct Summary {
 /// Inertial sensor, magnetometer or receiver of a log.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Sensor {
-    /// Option that chooses the sensor and its number, such as `--imu 1`.
+    /// Option and number that choose the sensor, such as `--imu 1`.
     pub option: String,
     /// Name of the sensor in the log.
     pub name: ForeignText,
@@ -139,7 +139,7 @@ pub enum Note {
         /// Line number, from 1.
         line: u64,
     },
-    /// The clock of the source went back, which separates the source into segments.
+    /// The clock of the source went back. Each such step starts a new segment.
     Segments {
         /// Number of the segment that was read, from 1.
         read: usize,

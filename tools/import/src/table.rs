@@ -1,7 +1,7 @@
 //! Conversion of a table of fixes or reference attitudes from any text dialect to plain CSV.
 //!
-//! Input: text with column names, by the rules of [`mapping::text`]. A unit of time in the name of
-//! the time column applies to it.
+//! Input: text with column names, by the rules of [`mapping::text`]. If the name of the time column
+//! contains a unit, the times are in this unit.
 //!
 //! Output: CSV with the columns of the recording format.
 //!

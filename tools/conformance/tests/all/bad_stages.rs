@@ -36,7 +36,7 @@ struct DefectiveStage {
     inner: WzClosed,
     count: f64,
     divisor: f64,
-    /// Number of the step with an interval of zero; infinite until such a step has occurred.
+    /// Index of the last step with an interval of zero; infinite until such a step has occurred.
     zero_interval_step: f64,
 }
 

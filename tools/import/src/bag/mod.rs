@@ -129,7 +129,7 @@ impl Source for Bag<'_> {
             let Some(Message { topic, log_ns, data }) = messages.next()? else { break };
             let inertial = self.inertial(&topic, &data);
             has_instant_rates |= inertial.as_ref().is_some_and(|inertial| inertial.is_instant);
-            // Time, ns, and the vector of a magnetometer or a receiver: magnetic field or velocity.
+            // Time in ns with the magnetic field of a magnetometer or the velocity of a receiver.
             let sample = match topic.kind {
                 Kind::Imu | Kind::PlumblineImu => inertial.as_ref().map(|inertial| (inertial.t_ns, None)),
                 Kind::MagneticField => {
@@ -337,7 +337,8 @@ impl Bag<'_> {
         }
     }
 
-    /// Converts the samples of a topic with `convert`, which receives the time, ns, and the sample.
+    /// Converts the samples of a topic with `convert`, which receives the time in ns and the
+    /// sample.
     fn inertial_samples<T>(
         &self,
         topic: Topic,

@@ -28,8 +28,8 @@ use super::{
 const BATCH_MESSAGES: i64 = 256;
 const MAX_MESSAGE_BYTES: i32 = 1 << 16;
 const MAX_TOPICS: i64 = 4096;
-/// Maximum number of stray rows. The number of a stray row does not increase or exceeds the number
-/// of the last row. In a damaged database, such rows can recur without end.
+/// Maximum number of stray rows. A row is stray if its number does not exceed that of the previous
+/// row, or exceeds that of the last row. In a damaged database, such rows can recur without end.
 const MAX_STRAY_ROWS: u64 = 1000;
 /// Maximum length of a text or blob that SQLite may load, bytes.
 const MAX_VALUE_BYTES: i32 = 1 << 24;
@@ -46,7 +46,7 @@ pub(super) struct Cursor {
     /// Identifiers of all topics, including those that are not read.
     topic_ids: HashSet<i64>,
     last_row_id: i64,
-    /// Number of the row with the latest timestamp according to the index; 0 if unknown.
+    /// Row number of the message with the latest timestamp according to the index; 0 if unknown.
     last_indexed_row_id: i64,
     /// Largest valid row number.
     max_row_id: i64,
@@ -60,7 +60,8 @@ pub(super) struct Cursor {
 pub(super) struct Losses {
     /// Row numbers that are missing. Recorders number rows consecutively from 1.
     pub(super) missing: u64,
-    /// Stray rows. The number of a stray row does not increase or exceeds that of the last row.
+    /// Stray rows. A row is stray if its number does not exceed that of the previous row, or
+    /// exceeds that of the last row.
     pub(super) stray: u64,
     /// Rows that belong to no known topic.
     pub(super) without_topic: u64,
@@ -69,8 +70,8 @@ pub(super) struct Losses {
 }
 
 impl Losses {
-    /// Counts the row numbers after `before` and up to `last` as missing. Recorders use no numbers
-    /// below 1.
+    /// Counts the row numbers after `before` and up to `last` as missing. Numbers below 1 are not
+    /// counted, because recorders do not use them.
     fn add_missing(&mut self, before: i64, last: i64) {
         let before = before.max(0);
         if last > before {
@@ -282,7 +283,8 @@ impl Cursor {
 
 impl Row {
     fn read(row: &rusqlite::Row<'_>) -> rusqlite::Result<Self> {
-        // A damaged row can have a topic of another type.
+        // In a damaged row, the topic can have another type. The row then counts as a row without a
+        // known topic.
         Ok(Self { id: row.get(0)?, topic: row.get(1).ok(), data: row.get(2)?, log_ns: row.get(3).unwrap_or(0) })
     }
 }

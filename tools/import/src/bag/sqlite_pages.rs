@@ -20,7 +20,7 @@ use std::{
 
 /// Length of the file header, bytes.
 const HEADER_BYTES: usize = 100;
-/// Position of the page size in the header. The number 1 means 65,536.
+/// Position of the page size in the header. The value 1 means 65,536.
 const PAGE_SIZE_AT: usize = 16;
 /// Position of the number of unused bytes at the end of each page.
 const RESERVED_AT: usize = 20;
@@ -46,7 +46,7 @@ pub(super) struct Pages {
     file: File,
     page: Vec<u8>,
     usable_bytes: usize,
-    /// Number of the first row of each page, and the position of the page, bytes.
+    /// Row number of the first row of each page, and byte position of the page.
     pages: vec::IntoIter<(i64, u64)>,
     rows: vec::IntoIter<PageRow>,
 }
