@@ -7,15 +7,15 @@
 //!
 //! Time: the clock of the source.
 //!
-//! Failure: a single sample that is earlier than its predecessor remains in its segment. The
-//! consumer skips and counts such samples.
+//! Failure: a single sample that is earlier than its predecessor remains in the current segment.
+//! The consumer skips and counts such samples.
 
 use mapping::counter::{COUNTER_PERIODS_NS, narrow_period_ns, wrap_ns};
 
 use crate::{ImportError, row_writer::Samples};
 
-/// Number of consecutive samples that confirm that the clock was set back. Their times increase,
-/// and all of them are earlier than a previous sample.
+/// Number of consecutive samples that confirm that the clock was set back. The times of these
+/// samples must increase, and must all be earlier than that of a previous sample.
 const CONFIRMING_SAMPLES: usize = 5;
 /// Maximum number of segments. Later segments are merged into the last one.
 const MAX_SEGMENTS: usize = 256;
@@ -52,7 +52,7 @@ pub(crate) trait Timed {
 /// Clock of a source.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub(crate) struct SourceClock {
-    /// Period of the counter, ns, if known.
+    /// Period of the counter in ns, if known.
     pub(crate) period_ns: Option<i64>,
 }
 
@@ -63,15 +63,15 @@ pub(crate) struct SegmentFinder {
     offset_ns: i64,
     /// Interval between the last two samples with increasing time, ns.
     interval_ns: i64,
-    /// Times, in increasing order, of the latest samples that are earlier than the end of the
-    /// segment.
+    /// Times of the latest samples, all of which are earlier than the end of the segment. The times
+    /// increase from sample to sample.
     backward_ns: Vec<i64>,
     segments: Vec<Segment>,
     /// Number of times that the counter wrapped.
     pub(crate) wraps: u64,
 }
 
-/// Position of a sample in its series.
+/// Relation of a sample to the segments.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Step {
     /// The sample belongs to the current segment.
@@ -246,8 +246,8 @@ impl SegmentChoice {
         })
     }
 
-    /// Returns the first segment, from index `from` on, that contains the time `raw_ns`, and the
-    /// offset to add to this time, ns.
+    /// Returns the index of the first segment, from `from` on, that contains the time `raw_ns`, and
+    /// the offset in ns to add to this time.
     ///
     /// If `back_ns` is given, the clock has gone back to that time. The result is then a later
     /// segment, or an offset that includes a further wrap of the counter.
@@ -255,8 +255,8 @@ impl SegmentChoice {
         (from..self.segments.len()).find_map(|index| {
             let segment = self.segments.get(index)?;
             let periods = self.clock.period_ns.into_iter().chain(COUNTER_PERIODS_NS);
-            // Smallest number of periods after which the time is in the segment and does not go
-            // back.
+            // For each period, the smallest multiple that moves the time into the segment, and past
+            // `back_ns` if the segment is the current one.
             let start_ns = segment.first_ns.saturating_sub(SLACK_NS);
             let least_ns = back_ns.filter(|_| index == from).map_or(start_ns, |back_ns| start_ns.max(back_ns));
             let wraps = periods.map(|period_ns| {

@@ -7,9 +7,9 @@
 //! Rate and force are taken from one kind of message: the first kind whose sensor works. RAW_IMU is
 //! tried last.
 //!
-//! Time: the autopilot's clock, or the times of arrival if that clock never changes. The message of
-//! a fix may use another clock than the samples. The time of a fix is therefore computed from the
-//! time of the latest sample and the difference of the two arrival times. The same applies to an
+//! Time: the autopilot's clock, or the times of arrival if that clock never changes. The clock of a
+//! fix may differ from that of the samples. The time of a fix is therefore computed from the time
+//! of the latest sample and the difference of the two arrival times. The same applies to an
 //! attitude if the samples have UNIX time.
 //!
 //! Memory: a buffer for each series.

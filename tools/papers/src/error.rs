@@ -15,7 +15,8 @@ pub enum PaperError {
         /// Error of the operating system.
         cause: io::Error,
     },
-    /// The section of a previously reproduced paper cannot be read to compose the index page.
+    /// The section of a previously reproduced paper cannot be read, so the index page cannot be
+    /// composed.
     #[error("cannot read {path} for the index page: {cause}; reproduce that paper again or delete the file", path = foreign::path(path))]
     Read {
         /// Path of the section file.

@@ -17,7 +17,7 @@ pub(crate) struct Scene {
     /// Azimuth from which the scene is viewed, degrees: the angle about the vertical axis, measured
     /// from the first axis.
     pub(crate) azimuth_deg: f64,
-    /// Elevation from which the scene is viewed, above the horizontal plane, degrees.
+    /// Elevation above the horizontal plane from which the scene is viewed, degrees.
     pub(crate) elevation_deg: f64,
     /// Half of the length, in scene units, that fits along the shorter side of the picture.
     pub(crate) half_extent: f64,

@@ -29,7 +29,7 @@ impl Table {
         Self { header: header.iter().map(|cell| (*cell).into()).collect(), rows }
     }
 
-    /// Returns the length of the longest cell of each column, characters.
+    /// Returns the length of the longest cell of each column, in characters.
     fn column_widths(&self) -> Vec<usize> {
         let lines = || [&self.header].into_iter().chain(&self.rows);
         (0..self.header.len())

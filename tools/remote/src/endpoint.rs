@@ -22,7 +22,7 @@ const DEFAULT_ENDPOINT: &str = "tcp/127.0.0.1:7447";
 #[derive(Debug, Clone)]
 pub struct RemoteEndpoint {
     endpoints: Vec<String>,
-    /// Folder of `plumb keys` with the certificate.
+    /// Folder with the certificate, as created by `plumb keys`.
     keys: Option<PathBuf>,
 }
 

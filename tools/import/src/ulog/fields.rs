@@ -21,7 +21,7 @@ const MAX_SENSORS: usize = 4;
 /// Lowest `fix_type` for which all three velocity components are available.
 const MIN_FIX_TYPE: u8 = 3;
 
-/// Time, ns, and vector of a sample; forward, right, down.
+/// Time in ns and vector of a sample, in the axes forward, right, down.
 type VectorSample = (i64, [f32; 3]);
 
 type Vector<T> = [FieldParser<T>; 3];
@@ -166,8 +166,8 @@ impl IntegratedFields {
         })
     }
 
-    /// Returns the mean rate, rad/s, and the mean force, m/s², over the interval; `None` if the
-    /// interval is empty.
+    /// Returns the time in ns, and the mean rate in rad/s and mean force in m/s² over the interval.
+    /// Returns `None` if the interval is empty.
     pub(super) fn means(&self, data: &[u8]) -> Option<(i64, [[f64; 3]; 2])> {
         let intervals_s = self.intervals.each_ref().map(|interval| interval.s(data));
         let [angle_s, velocity_s] = intervals_s;

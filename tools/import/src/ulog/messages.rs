@@ -27,7 +27,8 @@ const EMPTY_FLAGS_MESSAGE: [u8; 43] = {
     (message[0], message[2]) = (40, b'B');
     message
 };
-/// Maximum number of damaged parts that are skipped. It bounds the time that a hostile log takes.
+/// Maximum number of damaged parts that are skipped. This limits the time that a hostile log can
+/// take.
 const MAX_RESYNCS: u32 = 10_000;
 /// Number of consecutive messages that are checked after a damaged part.
 const CHECKED_MESSAGES: usize = 4;
@@ -178,8 +179,8 @@ fn read_next(
         }
     }
     if is_malformed {
-        // The length of a damaged message may be wrong, so a message must start at the current
-        // position.
+        // The length of a damaged message may be wrong. Reading continues here only if another
+        // message starts at the current position.
         if parser.in_data() && !messages.is_at_message(&filter.subscribed)? {
             return damage(format!("a malformed message {:?}", char::from(kind)));
         }

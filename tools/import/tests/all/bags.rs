@@ -304,7 +304,8 @@ fn row_with_damaged_number_costs_no_other_row() {
     for (number, name) in [(0u8, "too small"), (0x7f, "too large")] {
         let mut bytes = fs::read(&path).unwrap();
         let at = bytes.windows(content.len()).position(|window| window == content).unwrap();
-        // Seven bytes of the record's header and the timestamp lie between the number and the data.
+        // Between the number and the data are seven bytes of the record's header, and the
+        // timestamp.
         let number_at = (at - 16..at).find(|index| bytes[*index] == 50 && bytes[index + 1] < 10).unwrap();
         bytes[number_at] = number;
         let changed = folder.file("changed.db3", bytes);

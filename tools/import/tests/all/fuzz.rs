@@ -92,7 +92,7 @@ fn table() -> Vec<u8> {
     format!("t,p,q,r,u,v,w\n{rows}").into()
 }
 
-/// Checks that an import returns at most `rows` rows or reports an error of the input.
+/// Checks that an import returns at most `rows` rows or reports invalid input.
 fn check(contents: &[u8], rows: u64, columns: Option<&str>) -> TestCaseResult {
     let folder = Folder::new();
     let path: PathBuf = folder.file("a", contents);

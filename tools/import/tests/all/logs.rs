@@ -268,7 +268,7 @@ fn imu(t_ms: u32, rate: f64, force: f64) -> Vec<u8> {
     message
 }
 
-/// Name of a topic and its messages by number.
+/// Name of a topic, and a function that returns the topic's message with the given number.
 type TopicMessages<'a> = (&'a str, &'a dyn Fn(u32) -> Vec<u8>);
 
 /// Returns a `sensor_msgs/msg/MagneticField` in CDR.

@@ -12,7 +12,8 @@ fn row(n: u32, time: &str) -> String {
     format!("{time},0.25,-0.5,0.{n:03},0.5,-0.25,9.75\n")
 }
 
-/// Returns text with a header and rows. `time` formats the time of a row from its number.
+/// Returns text with a header and rows. `time` returns the time field of the row with the given
+/// number.
 fn text(header: &str, time: impl Fn(u32) -> String) -> String {
     header.to_owned() + "\n" + &(0..ROWS).map(|n| row(n, &time(n))).collect::<String>()
 }

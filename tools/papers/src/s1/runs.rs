@@ -126,14 +126,15 @@ pub struct Results {
     pub closure: f64,
     /// Noise-free values of u, v and z at 0, 5, 10, 25, 75 and 100 s; z in rad.
     pub table: [[f64; 3]; 6],
-    /// Inclination RMSE from 5 s on, gyro channel, degrees.
+    /// Inclination RMSE of the gyro channel from 5 s on, degrees.
     pub gyro_deg: f64,
-    /// Inclination RMSE from 5 s on, accelerometer channel, degrees.
+    /// Inclination RMSE of the accelerometer channel from 5 s on, degrees.
     pub accel_deg: f64,
-    /// Inclination RMSE from 5 s on, fusion according to figure 9 as published (open loop),
+    /// Inclination RMSE of the fusion according to figure 9 as published (open loop), from 5 s on,
     /// degrees.
     pub open_deg: f64,
-    /// Inclination RMSE from 5 s on, fusion according to figure 9 with a closed loop, degrees.
+    /// Inclination RMSE of the fusion according to figure 9 with a closed loop, from 5 s on,
+    /// degrees.
     pub closed_deg: f64,
     /// Inclination error of the gyro channel at 100 s, degrees.
     pub gyro_end_deg: f64,
@@ -143,7 +144,7 @@ pub struct Results {
     pub high_pass: f64,
     /// RMS of LPF(v_a), the low-pass filtered v of the accelerometer channel, from 5 s on.
     pub low_pass: f64,
-    /// RMS error of the fused v, v_c, from 5 s on.
+    /// RMS error of v_c, the fused v, from 5 s on.
     pub sum_error: f64,
 }
 

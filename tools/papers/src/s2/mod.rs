@@ -20,8 +20,7 @@ use relations::{COLUMNS, Cell, Method, ROWS, errors_near_singularity, sensitivit
 /// Number of simulation runs: one pass over the sphere.
 pub(crate) const RUN_COUNT: u64 = 1;
 
-/// Returns the figures and the table of results. The paper contains no measurements with which they
-/// could be compared.
+/// Returns the figures and the table of results. The paper contains no measurements for comparison.
 pub(crate) fn parts(progress: &mut Progress<'_>) -> Vec<Part> {
     let cells = sphere_cells();
     progress.step();

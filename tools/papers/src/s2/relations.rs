@@ -113,7 +113,8 @@ pub(crate) fn errors_near_singularity(method: Method) -> Vec<(f64, Tilt)> {
     (0..500).map(at).collect()
 }
 
-/// Returns the sensitivities dβ/dgx and dψ/dgy by central differences, degrees per thousandth of g.
+/// Returns the sensitivities dβ/dgx and dψ/dgy in degrees per thousandth of g, computed by central
+/// differences.
 pub(crate) fn sensitivity(pitch_deg: f64, roll_deg: f64) -> (f64, f64) {
     let step_m_s2 = 1e-3 * MILLI_G_M_S2;
     let gravity_m_s2 = Tilt { pitch_deg, roll_deg }.gravity_m_s2();

@@ -29,8 +29,8 @@ const FIGURES: [(&str, &str, SensorCase); 3] = [
 /// stages.
 pub(crate) const RUN_COUNT: u64 = (TABLE_CASES.len() + FIGURES.len() + 1) as u64;
 
-/// Published values for each axis: RMS error of the original filter and of the improved filter,
-/// degrees, and the improvement, %.
+/// Published values for each axis: RMS errors of the original and of the improved filter in
+/// degrees, and the improvement in %.
 const PUBLISHED: [(&str, f64, f64, f64); 3] =
     [("pitch", 1.9371, 0.9986, 48.7), ("roll", 0.3502, 0.2410, 33.12), ("yaw", 1.8198, 0.9465, 47.99)];
 

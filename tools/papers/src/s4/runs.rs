@@ -11,7 +11,7 @@ use attitude::{
 };
 use scenario::Scenario;
 
-/// Duration of a flight, s, as in the paper.
+/// Duration of a flight in seconds, as in the paper.
 pub(crate) const DURATION_S: f64 = 3500.0;
 /// Stages that are compared. `levelling` applies the control law of the paper to a single platform.
 /// `levelling-unified` implements figure 7 of the paper.
@@ -87,23 +87,23 @@ impl SquaredErrors {
         }
     }
 
-    /// Returns the RMS roll error, degrees, or `None` if no sample was scored.
+    /// Returns the RMS roll error in degrees, or `None` if no sample was scored.
     pub fn roll_deg(&self) -> Option<f64> {
         self.rms(self.roll)
     }
 
-    /// Returns the RMS pitch error, degrees, or `None` if no sample was scored.
+    /// Returns the RMS pitch error in degrees, or `None` if no sample was scored.
     pub fn pitch_deg(&self) -> Option<f64> {
         self.rms(self.pitch)
     }
 
-    /// Returns the RMS heading error of the stage, degrees, or `None` if no sample was scored.
+    /// Returns the RMS heading error of the stage in degrees, or `None` if no sample was scored.
     pub fn heading_deg(&self) -> Option<f64> {
         self.rms(self.heading)
     }
 
-    /// Returns the RMS error of the course from the stage `track`, degrees, or `None` if no sample
-    /// was scored.
+    /// Returns the RMS error in degrees of the course from the stage `track`, or `None` if no
+    /// sample was scored.
     pub fn course_deg(&self) -> Option<f64> {
         self.rms(self.course)
     }
