@@ -260,7 +260,7 @@ fn serial_sensors_are_read_with_one_command() {
     }
 }
 
-/// Returns the rotation about the vertical, degrees, between −180 and 180.
+/// Returns the rotation about the vertical in degrees, between −180 and 180.
 fn yaw_change_deg(from: [f64; 4], to: [f64; 4]) -> f64 {
     let yaw = |[w, x, y, z]: [f64; 4]| (2.0 * (w * z + x * y)).atan2(1.0 - 2.0 * (y * y + z * z));
     (yaw(to) - yaw(from)).sin_cos().0.atan2((yaw(to) - yaw(from)).cos()).to_degrees()

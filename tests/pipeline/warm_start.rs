@@ -11,7 +11,7 @@ use serde_json::{Value, json};
 const SEND_RATE_HZ: f64 = 2000.0;
 /// Number of readings in 2 s.
 const START_READINGS: usize = 2 * RATE_HZ as usize;
-/// Standard deviation below which the bias in the state file counts as known, rad/s. The limit
+/// Standard deviation in rad/s below which the bias in the state file counts as known. The limit
 /// allows for the slow rotation in S1, in which the bias is hard to separate from the scale error.
 const KNOWN_BIAS_SD_RAD_S: f64 = 7e-4;
 /// Gyro bias on each axis, °/s.

@@ -43,7 +43,8 @@ impl RecordedFlight {
 
     /// Returns `true` if nothing was lost and the replay does not warn that its output may differ.
     ///
-    /// On a machine that stalls for seconds, the recorder misses messages and swaps are aborted.
+    /// A flight may be inexact if the machine stalls for seconds, because the recorder then misses
+    /// messages and swaps are aborted.
     fn is_exact(&self) -> bool {
         let replay = self.replay(&[]);
         let is_inexact = replay.stderr.contains("may differ from the flight");

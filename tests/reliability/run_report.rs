@@ -1,6 +1,6 @@
 //! Attitudes that are missing from the report or the output file.
 //!
-//! The run counts and reports them and exits with code 1. The attitude itself is never affected.
+//! The run counts and reports them and exits with code 1. The published attitude is never affected.
 use std::{fs, io, io::Write, process::Command, thread, time::Duration};
 
 use crate::common::{Run, Running, System, attitudes, is_alive, plumb, signal, wait_for};

@@ -12,7 +12,7 @@ use crate::{
     validity::{self, WithholdReason},
 };
 
-/// Time without an attitude after which the attitude is reported as stale, ns.
+/// Time in ns without a new attitude after which the attitude is reported as stale.
 pub const STALE_AFTER_NS: u64 = 1_000_000_000;
 /// Flags of unusable attitudes. Such an attitude is an initial value or does not follow the motion.
 const ERRORS: Flags =

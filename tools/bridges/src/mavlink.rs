@@ -7,7 +7,7 @@
 //!   forward, right, down; earth axes are north, east, down.
 //! - Time: `time_boot_ms` is the end of the sample's interval on the source's clock, ms modulo 2³².
 //!   ATTITUDE_QUATERNION and ATTITUDE of the same sample have the same value; `time_usec` of
-//!   ODOMETRY is the same time, µs.
+//!   ODOMETRY is the same time in µs.
 //! - Failure: an unknown value is sent as the number that the message definition (common.xml)
 //!   reserves for unknown values. A fix without a complete position yields no message.
 

@@ -54,7 +54,7 @@ pub struct DemoReport {
     pub lost: u64,
     /// Number of attitudes that differ from the undisturbed run.
     pub different: u64,
-    /// Error of the inclination, RMSE, degrees.
+    /// RMSE of the inclination, degrees.
     pub inclination_rmse_deg: f64,
 }
 

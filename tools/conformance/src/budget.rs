@@ -1,4 +1,4 @@
-//! Time for the checks of a stage. Checks that do not fit into the time are left out and counted.
+//! Time for the checks of a stage. Checks for which the time is too short are left out and counted.
 //!
 //! Each group of checks gets an equal share of the remaining time, so that every group runs some
 //! checks even if the stage is slow. The first check of a group runs even if the share of the group

@@ -1,4 +1,4 @@
-//! Runs of a stage on a script, and comparisons of runs.
+//! Functions that run a stage on a script and compare such runs.
 
 use std::marker::PhantomData;
 

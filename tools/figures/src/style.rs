@@ -39,7 +39,7 @@ pub enum LineStyle {
     /// Cloud of dots instead of a line.
     Dots,
     /// Dashed line of two pixels. The fields are the lengths of dash and gap along the horizontal
-    /// axis, pixels.
+    /// axis, in pixels.
     Dashed(u32, u32),
 }
 

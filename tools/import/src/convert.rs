@@ -181,7 +181,7 @@ fn open_source<'a>(
     })
 }
 
-/// Returns the format of text. With an explicit mapping, this is always CSV.
+/// Returns the format of a text file. With an explicit mapping, the format is always CSV.
 fn common_text_format(format: Format, mapping: &Mapping) -> Format {
     if mapping.is_explicit() { Format::Csv } else { format }
 }

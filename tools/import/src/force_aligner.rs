@@ -16,7 +16,7 @@ use crate::{
     row_writer::{RowWriter, Sample},
 };
 
-/// Maximum gap between two force samples across which the force is interpolated, ns.
+/// Maximum gap in ns between two force samples across which the force is interpolated.
 const MAX_INTERPOLATION_GAP_NS: u64 = 200_000_000;
 /// Maximum time between a rate sample and the nearest force sample, ns. If interpolation is not
 /// possible, the nearest force is used unchanged up to this limit.

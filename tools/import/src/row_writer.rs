@@ -21,10 +21,10 @@ pub(crate) type Sample = (i64, [f64; 3]);
 
 /// Maximum time between a magnetic field sample and its row, ns.
 const MAX_FIELD_DISTANCE_NS: u64 = 50_000_000;
-/// Maximum gap between two reference attitudes across which the reference is always interpolated,
-/// ns.
+/// Maximum gap in ns between two reference attitudes across which the reference is always
+/// interpolated.
 const MAX_REFERENCE_GAP_NS: u64 = 60_000_000;
-/// Maximum gap in a slow reference across which the reference is interpolated, ns.
+/// Maximum gap in ns across which a slow reference is interpolated.
 ///
 /// A reference is slow if its gaps are longer than [`MAX_REFERENCE_GAP_NS`]. It is interpolated
 /// only if the rotation during the gap is small. The limit allows for references at 1 Hz.
@@ -62,8 +62,8 @@ pub(crate) struct Attitude {
 /// Samples of a series that is merged into the rows.
 pub(crate) type Samples<'a, T> = Box<dyn Iterator<Item = Result<T, ImportError>> + 'a>;
 
-/// Minimum number of equal magnetic field samples for a magnetometer to count as dead. The noise of
-/// a working magnetometer exceeds its resolution.
+/// Minimum number of equal magnetic field samples for a magnetometer to count as dead. The samples
+/// of a working magnetometer vary, because its noise exceeds its resolution.
 const MIN_CONSTANT_FIELDS: u64 = 500;
 
 pub(crate) struct RowWriter<'a> {

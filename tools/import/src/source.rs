@@ -112,7 +112,7 @@ pub(crate) struct Survey {
     pub(crate) unreadable_rows: u64,
 }
 
-/// Recording of another system.
+/// Recording made by another system.
 pub(crate) trait Source {
     fn format(&self) -> Format;
 

@@ -7,7 +7,7 @@ use crate::{picture::Part, progress::Progress, s1, s2, s3, s4};
 pub enum Paper {
     /// S1, Matveev et al. 2025: parameters (w, z).
     S1,
-    /// S2: inclinometers by matrix and by quaternion.
+    /// S2: pitch and roll by matrix and by quaternion.
     S2,
     /// S3: improved Madgwick filter.
     S3,

@@ -58,7 +58,7 @@ pub enum RemoteError {
         /// Vehicle name.
         vehicle: String,
     },
-    /// Commands need a certificate, and a plain endpoint uses none.
+    /// Commands require certificates, and a plain endpoint does not use any.
     #[error(
         "vehicle {vehicle:?} accepts no commands over {endpoint}, which is read-only because it has no certificates; run `plumb swap {slot} {stage}` on the vehicle, or use a quic/ endpoint with the certificate of an operator, --keys keys/operator.NAME (docs/how-to/secure.md)"
     )]

@@ -38,9 +38,10 @@ const SERVICES_INTERVAL: Duration = Duration::from_secs(3);
 const SERVICES_TIMEOUT: Duration = Duration::from_secs(2);
 /// Maximum number of vehicles with an open view, for each kind of use ([`ViewUse`]).
 const MAX_VIEWS: usize = 8;
-/// Time after which a view for metrics is closed. Prometheus typically polls once a minute.
+/// Time after which an unused view for metrics is closed. Prometheus typically polls once a minute.
 const UNUSED_METRICS_TIMEOUT: Duration = Duration::from_secs(90);
-/// Time after which a view without viewers is closed. A page needs less time to reconnect.
+/// Time after which a view without viewers is closed. The time is longer than a page needs to
+/// reconnect.
 const UNUSED_TIMEOUT: Duration = Duration::from_secs(10);
 
 /// Vehicles that are reachable over a link.
@@ -161,7 +162,7 @@ impl VehicleDirectory for RemoteDirectory {
 /// Newest service report of each vehicle.
 type ServiceReports = Mutex<BTreeMap<String, Services>>;
 
-/// Queries the services of all vehicles while the reports are in use.
+/// Keeps querying the services of all vehicles. Returns once the reports are no longer in use.
 fn poll_services(link: &Link, reports: &Arc<ServiceReports>) {
     while Arc::strong_count(reports) > 1 {
         let started = Instant::now();
@@ -176,7 +177,7 @@ fn poll_services(link: &Link, reports: &Arc<ServiceReports>) {
     }
 }
 
-/// Updates the summaries of all vehicles while the summaries are in use.
+/// Keeps updating the summaries of all vehicles. Returns once the summaries are no longer in use.
 fn update_lines(mut monitor: FleetMonitor, services: &ServiceReports, shared_lines: &VehicleLines) {
     let mut before = Instant::now();
     while Arc::strong_count(shared_lines) > 1 {

@@ -46,8 +46,8 @@ impl StageChain {
         matches!((gyro, accel, fuser), (AnyStage::BuiltIn(_), AnyStage::BuiltIn(_), AnyStage::BuiltIn(_)))
     }
 
-    /// Returns the CPU time used so far by the external programs of the timed stages, ns; `None` if
-    /// unknown.
+    /// Returns the CPU time in ns that the external programs of the timed stages have used so far;
+    /// `None` if unknown.
     pub(crate) fn program_cpu_ns(&self) -> Option<f64> {
         let Self { gyro, accel, fuser, course: _ } = self;
         Some(program_cpu_ns(gyro)? + program_cpu_ns(accel)? + program_cpu_ns(fuser)?)
@@ -74,7 +74,8 @@ impl StageChain {
     }
 }
 
-/// Returns the CPU time used so far by the external program of a stage, ns; 0 for a built-in stage.
+/// Returns the CPU time in ns that the external program of a stage has used so far; 0 for a
+/// built-in stage.
 fn program_cpu_ns<B: HostableStage>(stage: &AnyStage<B>) -> Option<f64> {
     match stage {
         AnyStage::BuiltIn(_) => Some(0.0),

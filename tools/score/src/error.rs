@@ -150,7 +150,7 @@ pub enum ScoreError {
         /// Path of the report.
         path: PathBuf,
     },
-    /// No trial has a reference by which values could be ranked.
+    /// No trial has a reference, so the values of the parameter cannot be ranked.
     #[error("cannot rank values of {key}: no trial has a scored reference; give one with --reference")]
     NoReferenceForTuning {
         /// Name of the parameter.

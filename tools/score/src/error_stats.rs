@@ -2,8 +2,8 @@
 //!
 //! Input: the outputs of the chain at a tick, and the true attitude.
 //!
-//! Output: root mean square errors of the angles and the gyro bias, drift of an arbitrary heading,
-//! and normalised errors.
+//! Output: root mean square errors of the angles and the gyro bias, drift of a heading with an
+//! arbitrary zero direction, and normalised errors.
 //!
 //! Time: sample timestamps.
 //!
@@ -96,7 +96,7 @@ impl ErrorStats {
         self.heading_is_known
     }
 
-    /// Returns the mean heading error, degrees, if the error is nearly constant and not small. The
+    /// Returns the mean heading error in degrees if the error is nearly constant and not small. The
     /// error is positive counter-clockwise seen from above.
     pub fn constant_heading_error_deg(&self) -> Option<f64> {
         self.heading.constant_deg().filter(|_| self.heading_is_known == Some(true))
@@ -189,7 +189,7 @@ struct CircularMean {
 }
 
 impl CircularMean {
-    /// Minimum number of angles.
+    /// Minimum number of angles for which a mean is reported.
     const MIN_COUNT: u64 = 50;
     /// Smallest mean that counts as a heading offset, degrees. Ordinary heading errors are smaller.
     const MIN_OFFSET_DEG: f64 = 5.0;
@@ -201,7 +201,7 @@ impl CircularMean {
         (self.sin, self.cos, self.count) = (self.sin + sin, self.cos + cos, self.count + 1);
     }
 
-    /// Returns the mean, degrees, if it is large enough for an offset and the angles vary little.
+    /// Returns the mean in degrees if it is large enough for an offset and the angles vary little.
     fn constant_deg(&self) -> Option<f64> {
         let mean_deg = self.sin.atan2(self.cos).to_degrees();
         let length = self.sin.hypot(self.cos) / self.count as f64;
@@ -211,8 +211,8 @@ impl CircularMean {
     }
 }
 
-/// Least-squares line fitted to the error of an arbitrary heading over time. The error is unwrapped
-/// and relative to its first value.
+/// Least-squares line fitted to the heading error over time. The heading has an arbitrary zero
+/// direction. The error is unwrapped and relative to its first value.
 #[derive(Debug, Clone, Copy, Default)]
 struct DriftFit {
     first: Option<(i64, f64)>,
@@ -237,8 +237,8 @@ impl DriftFit {
         self.t_deg += t_min * self.last_deg;
     }
 
-    /// Returns the drift rate, °/min, and the drift at the end, degrees; `None` for fewer than two
-    /// different times.
+    /// Returns the drift rate in °/min and the drift at the end in degrees; `None` for fewer than
+    /// two different times.
     fn result(&self) -> Option<(f64, f64)> {
         let time_variance = self.count * self.tt - self.t * self.t;
         (time_variance > 0.0).then(|| ((self.count * self.t_deg - self.t * self.deg) / time_variance, self.last_deg))

@@ -62,7 +62,7 @@ pub(crate) fn evaluate(
     Ok((0..launches.len()).map(mean).collect())
 }
 
-/// Returns for each launch configuration the errors over a trial, and `true` if the heading is
+/// Returns the errors of each launch configuration over a trial, with `true` if the heading is
 /// known at the end.
 pub(crate) fn evaluate_trial(trial: &Trial, launches: &[Launch]) -> Result<Vec<(Errors, bool)>, ScoreError> {
     let configs: Vec<_> = launches.iter().map(|launch| config(launch, trial)).collect();
@@ -88,7 +88,7 @@ pub(crate) fn truth(sample: &Sample, gyro_bias_rad_s: Option<[f64; 3]>) -> Optio
     sample.reference.map(|truth| Truth { quaternion: truth.quaternion, scored: truth.scored, gyro_bias_rad_s })
 }
 
-/// Returns the true gyro bias, rad/s, body axes, as a function of time in ns.
+/// Returns the function from time in ns to the true gyro bias in rad/s and body axes.
 ///
 /// The result is `None` for a recording, or if calibration or mounting changes the rate of a
 /// simulation.

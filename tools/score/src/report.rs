@@ -174,7 +174,8 @@ impl HtmlReport<'_> {
             ("difference from the first stage", "RMS", &overlay.differences, 1)
         };
         if !curves.is_empty() {
-            // If the heading is arbitrary, the heading and total errors are undefined.
+            // If the zero direction of the heading is arbitrary, the heading and total errors are
+            // undefined.
             let is_meaningful = |at: usize, which: usize| {
                 let trial = self.scores.stages.get(at).and_then(|stage| stage.trials.get(index));
                 which == 0 || !overlay.has_reference() || trial.is_some_and(|trial| trial.heading_is_known)

@@ -54,7 +54,7 @@ pub struct Request {
     pub options: TrialOptions,
     /// Selected stages and settings.
     pub selection: StageSelection,
-    /// Attitudes that other programs have estimated on the only trial, scored in addition to the
+    /// Attitudes that other programs have estimated for the only trial, scored in addition to the
     /// stages.
     pub estimates: Vec<Estimate>,
     /// Folder for the attitude of each tick, for stages only.
@@ -366,8 +366,8 @@ fn run_trial(
 fn heading_offset_warning(offset_deg: f64, has_axes: bool) -> String {
     /// Largest magnetic declination away from the poles, degrees.
     const MAX_DECLINATION_DEG: f64 = 40.0;
-    /// Maximum deviation from a multiple of 90° at which a heading offset is attributed to
-    /// exchanged axes, degrees.
+    /// Maximum deviation in degrees from a multiple of 90° at which a heading offset is attributed
+    /// to exchanged axes.
     const MAX_AXES_ERROR_DEG: f64 = 15.0;
     let from_axes_deg = offset_deg - (offset_deg / 90.0).round() * 90.0;
     let cause = if offset_deg.abs() < MAX_DECLINATION_DEG {
@@ -392,8 +392,9 @@ fn heading_offset_warning(offset_deg: f64, has_axes: bool) -> String {
 
 /// Returns a warning if an estimate covers only some of the samples.
 fn coverage_warning(name: &str, found: u64, of: u64, what: &str) -> Option<String> {
-    /// Share of the samples that an estimate must cover to avoid a warning. No attitude can be
-    /// interpolated before the first and after the last row of the estimate.
+    /// Share of the samples that an estimate must cover to avoid a warning. The share is below 1,
+    /// because no attitude can be interpolated before the first and after the last row of the
+    /// estimate.
     const MIN_SHARE: f64 = 0.99;
     if found == 0 && of > 0 {
         return Some(format!(

@@ -155,7 +155,7 @@ mod tests {
         assert!(spread.quantiles[1].drift_deg_min == Some(0.0) && spread.quantiles[0].drift_deg_min < Some(0.0));
         let worst: Vec<_> = spread.worst_seed_by_error.into_iter().collect();
         assert_eq!(worst, [("drift_deg_min", 8), ("heading", 8), ("total", 8)]);
-        // If the heading is arbitrary, seeds are ranked by inclination error.
+        // If the zero direction of the heading is arbitrary, seeds are ranked by inclination error.
         let arbitrary = |inclination: f64| TrialScore {
             heading_is_known: false,
             error: Errors {

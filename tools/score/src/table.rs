@@ -104,15 +104,16 @@ pub struct Errors {
     pub roll: Option<f64>,
     /// Pitch error, degrees.
     pub pitch: Option<f64>,
-    /// Yaw error, degrees; `None` if the heading is arbitrary.
+    /// Yaw error, degrees; `None` if the zero direction of the heading is arbitrary.
     pub yaw: Option<f64>,
     /// Error of the published course, degrees; `None` if the course reference is arbitrary.
     pub course: Option<f64>,
     /// Magnitude of the gyro bias error, °/s; known in simulations only.
     pub gyro_bias_deg_s: Option<f64>,
-    /// Drift rate of an arbitrary heading, °/min, counter-clockwise seen from above.
+    /// Drift rate in °/min of a heading with an arbitrary zero direction, counter-clockwise seen
+    /// from above.
     pub drift_deg_min: Option<f64>,
-    /// Drift of an arbitrary heading at the end of the trial, degrees.
+    /// Drift in degrees at the end of the trial, of a heading with an arbitrary zero direction.
     pub drift_end_deg: Option<f64>,
 }
 

@@ -2,7 +2,8 @@
 //!
 //! Input: the scores.
 //!
-//! Output: lines of aligned columns. Unknown values are dashes; an arbitrary heading is `arb.`.
+//! Output: lines of aligned columns. Unknown values are dashes; `arb.` marks a heading with an
+//! arbitrary zero direction.
 
 use std::fmt;
 
@@ -126,7 +127,8 @@ fn normalised(scores: &Scores) -> String {
     aligned(&head, &rows)
 }
 
-/// Returns one line per chain with the drift of an arbitrary heading.
+/// Returns one line with the heading drift for each chain in which the zero direction of the
+/// heading is arbitrary.
 fn drifts(scores: &Scores) -> Vec<String> {
     let drift_line = |stage: &StageScore| {
         let (deg_min, end_deg) = stage.mean.drift_deg_min.zip(stage.mean.drift_end_deg)?;

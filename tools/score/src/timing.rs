@@ -62,7 +62,7 @@ impl StageInput {
     }
 }
 
-/// Returns the time per update of each chain in `compared`, ns.
+/// Returns the time per update in ns for each chain in `compared`.
 ///
 /// A time is `None` if there are no samples, or if the kernel does not report the CPU time of an
 /// external program.
@@ -78,7 +78,7 @@ pub fn ns_per_update(steps: &[StageInput], compared: &[StageChain]) -> Vec<Optio
     rounds_ns.into_iter().map(median).map(|ns| ns.is_finite().then_some(ns)).collect()
 }
 
-/// Returns the CPU time per step of this thread and of the programs of external stages, ns.
+/// Returns the CPU time in ns that this thread and the programs of external stages need for a step.
 fn mean_ns_per_step(steps: &[StageInput], mut stages: StageChain) -> Option<f64> {
     let start_ns = cpu_ns() + stages.program_cpu_ns()?;
     for step in steps {

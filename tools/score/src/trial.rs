@@ -4,7 +4,7 @@
 //!
 //! Output: the readings in order, each with the fix that arrived with it.
 //!
-//! Time: timestamps of the readings, which are streamed and not kept in memory.
+//! Time: timestamps of the readings. The readings are streamed and not kept in memory.
 //!
 //! Failure: an unreadable file is reported when the trial is opened, before the first reading.
 
@@ -176,8 +176,8 @@ impl Trial {
 }
 
 impl Trial {
-    /// Returns the true gyro bias of a simulation as a function of time in ns, rad/s; `None` for a
-    /// recording.
+    /// Returns the function from time in ns to the true gyro bias of a simulation in rad/s; `None`
+    /// for a recording.
     pub(crate) fn gyro_bias_rad_s(&self) -> Option<impl Fn(i64) -> [f64; 3] + use<>> {
         let Source::Sim(scenario) = &self.source else { return None };
         let sensors = scenario.sensors();

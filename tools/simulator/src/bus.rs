@@ -16,7 +16,7 @@ use runtime::service_config::CONTROL_BUFFER;
 
 use crate::random::Random;
 
-/// Number of a subscriber, unique on the bus.
+/// Identifier of a subscriber, unique on the bus.
 pub(crate) type SubscriberId = u32;
 
 /// Incarnation under which the supervisor publishes and subscribes.
@@ -72,7 +72,7 @@ impl Bus {
         bus
     }
 
-    /// Allocates the number of a new subscriber.
+    /// Allocates the identifier of a new subscriber.
     pub(crate) fn next_subscriber(&mut self) -> SubscriberId {
         self.last_subscriber += 1;
         self.last_subscriber

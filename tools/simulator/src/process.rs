@@ -22,8 +22,8 @@ pub(crate) struct Process {
     pub(crate) frozen_until_ms: u64,
     /// Set once the supervisor has requested termination.
     pub(crate) terminate_requested: bool,
-    /// Number of deliveries in the next poll after which the process is killed; `None` if it is not
-    /// to be killed.
+    /// Number of deliveries that the process can make in the next poll before it is killed; `None`
+    /// if it is not to be killed.
     pub(crate) deliveries_left: Option<u32>,
     /// First tick with an invalid output; `None` if all outputs are valid.
     pub(crate) invalid_from_tick: Option<u64>,

@@ -11,7 +11,7 @@ use crate::reference::{CommittedSwap, SwapsBySlot};
 pub(crate) struct Client {
     pub(crate) description: String,
     pub(crate) replies: u32,
-    /// Time at which the client disconnects, ms; `None` if it waits for the reply.
+    /// Time in ms at which the client disconnects; `None` if it waits for the reply.
     pub(crate) disconnect_ms: Option<u64>,
     pub(crate) disconnected: bool,
 }

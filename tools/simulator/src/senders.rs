@@ -21,7 +21,7 @@ struct Sender {
     max_interval_ms: u64,
     /// Share of datagrams with a measurement, per mille.
     measurements_per_mille: u64,
-    /// Share of pauses of up to twice the timeout, per mille.
+    /// Share of datagrams that are followed by a pause of up to twice the timeout, per mille.
     pauses_per_mille: u64,
 }
 
@@ -29,14 +29,14 @@ struct Sender {
 ///
 /// # Errors
 ///
-/// Fails if a datagram is read although another sender is chosen, or is not read although no other
-/// sender is chosen.
+/// Fails if the wrong sender is chosen, if a datagram is wrongly admitted or refused, or if a
+/// change of sender is wrongly reported.
 pub(crate) fn simulate(seed: u64) -> Result<(), String> {
     let mut random = Random::new(seed ^ 0x5e4d);
     let timeout_ms = SENDER_TIMEOUT.as_millis() as u64;
     let mut senders: Vec<_> = (0..random.between(1, 5)).map(|_| sender(&mut random)).collect();
     let mut choice = SenderChoice::default();
-    // Chosen sender, and the time of its last measurement, ms.
+    // Chosen sender, and the time of its last measurement in ms.
     let mut owner: Option<(usize, u64)> = None;
     loop {
         let next = senders.iter().enumerate().min_by_key(|(_, sender)| sender.due_ms);

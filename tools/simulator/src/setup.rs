@@ -11,7 +11,7 @@ use crate::{
 /// Properties and faults of a run.
 #[derive(Debug, Clone)]
 pub(crate) struct Setup {
-    /// Number of the flight.
+    /// Number that selects the flight.
     pub(crate) flight: u64,
     pub(crate) launch: Launch,
     pub(crate) ticks: u64,
@@ -63,7 +63,7 @@ pub(crate) enum Fault {
     Stop,
 }
 
-/// Interval before a stop in which there are no requests and no long freezes, ms.
+/// Time in ms before a stop in which there are no requests and no long freezes.
 const QUIET_BEFORE_STOP_MS: u64 = 6000;
 /// Minimum duration of a long freeze, ms.
 const LONG_FREEZE_MS: u64 = 300;
@@ -254,7 +254,7 @@ impl Setup {
         (self.hung_start_per_mille, self.failed_start_per_mille, self.spawn_failure_per_mille) = (0, 0, 0);
     }
 
-    /// Returns a time at which a swap or a stop is probably in progress, ms.
+    /// Returns a time in ms at which a swap or a stop is probably in progress.
     fn time_near_request(&self, random: &mut Random, flight_ms: u64) -> u64 {
         let requests = self.faults.iter().filter(|(_, fault)| matches!(fault, Fault::Swap { .. } | Fault::Stop));
         let times: Vec<_> = requests.map(|(at_ms, _)| *at_ms).collect();

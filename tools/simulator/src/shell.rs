@@ -21,8 +21,8 @@ use crate::{
     world::World,
 };
 
-/// Interval between checks that the files of the bus exist, ms. The exit of a process also triggers
-/// a check.
+/// Interval in ms between checks that the files of the bus exist. The exit of a process also
+/// triggers a check.
 const FILE_CHECK_INTERVAL_MS: u64 = 1000;
 /// Timeout of a swap request, ms.
 const SWAP_TIMEOUT_MS: u64 = 3000;

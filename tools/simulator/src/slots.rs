@@ -23,7 +23,7 @@ use crate::{
 
 /// Interval between health messages, ms.
 const HEALTH_MS: u64 = 100;
-/// Interval between health messages of a process that was started as a candidate, ms.
+/// Interval in ms between health messages of a process that was started as a candidate.
 const CANDIDATE_HEALTH_MS: u64 = 10;
 /// Interval between difference messages of a candidate, ms.
 const DIFFERENCE_MS: u64 = 100;

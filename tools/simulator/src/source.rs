@@ -24,7 +24,7 @@ pub(crate) struct Source {
     end_tick: u64,
     /// Interval between ticks, ms.
     period_ms: f64,
-    /// Time at which the first tick was due, ns; 0 before the first tick.
+    /// Time in ns at which the first tick was due; 0 before the first tick.
     start_ns: u64,
     credit_ticks: u64,
     half_buffer_ticks: f64,

@@ -18,7 +18,7 @@ use crate::{
     slots::PollContext,
 };
 
-/// Time that a run may take in addition to twice the duration of its flight, ms.
+/// Time in ms that a run may take in addition to twice the duration of its flight.
 const MAX_OVERRUN_MS: u64 = 45_000;
 
 /// Simulated system.
@@ -37,9 +37,9 @@ pub(crate) struct World {
     pub(crate) supervision: Supervision,
     /// Time of the next round of the supervisor, ms.
     pub(crate) wake_ms: u64,
-    /// Time until which the supervisor is suspended, ms.
+    /// Time in ms until which the supervisor is suspended.
     pub(crate) frozen_until_ms: u64,
-    /// Time of the last check that the files of the bus exist, ms.
+    /// Time in ms of the last check that the files of the bus exist.
     pub(crate) files_checked_ms: u64,
     pub(crate) stop_requested: bool,
     pub(crate) collector: Collector,

@@ -31,7 +31,7 @@ const MAX_TOPICS: i64 = 4096;
 /// Maximum number of stray rows. A row is stray if its number does not exceed that of the previous
 /// row, or exceeds that of the last row. In a damaged database, such rows can recur without end.
 const MAX_STRAY_ROWS: u64 = 1000;
-/// Maximum length of a text or blob that SQLite may load, bytes.
+/// Maximum length in bytes of a text or blob that SQLite may load.
 const MAX_VALUE_BYTES: i32 = 1 << 24;
 
 /// Cursor over the messages in a database.

@@ -31,7 +31,7 @@ const HEADER_BYTES: usize = 3;
 const FMT: u8 = 0x80;
 const FMT_BYTES: usize = 89;
 const BUFFER_BYTES: usize = 1 << 16;
-/// Number of bytes that are searched for the start of another message.
+/// Number of bytes that are searched for the start of the next message.
 const SEARCHED_BYTES: usize = 1 << 12;
 
 /// Length and layout of a message type.

@@ -32,7 +32,7 @@ const EMPTY_FLAGS_MESSAGE: [u8; 43] = {
 const MAX_RESYNCS: u32 = 10_000;
 /// Number of consecutive messages that are checked after a damaged part.
 const CHECKED_MESSAGES: usize = 4;
-/// Maximum length of a message that is checked, bytes.
+/// Maximum length in bytes of a message that is checked.
 const MAX_CHECKED_BYTES: usize = 1 << 12;
 /// Number of bytes that contain the checked messages.
 const CHECKED_BYTES: usize = CHECKED_MESSAGES * MAX_CHECKED_BYTES;

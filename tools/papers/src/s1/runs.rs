@@ -15,7 +15,7 @@ use scenario::{Motion, SensorErrors, Sensors};
 const RATE_HZ: f64 = 100.0;
 /// Number of sample intervals. Together they last 100 s.
 const TICKS: u32 = 10_000;
-/// Time from which errors are scored, s.
+/// Time in seconds from which errors are scored.
 const SCORED_FROM_S: f64 = 5.0;
 /// Time constant T of the filters, s.
 pub(crate) const TIME_CONSTANT_S: f64 = 1.0;

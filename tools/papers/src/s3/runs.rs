@@ -22,7 +22,7 @@ pub(crate) const SEEDS: u64 = 40;
 /// Eastward magnetic disturbance in figure 2 c, µT. It is as strong as the northward component of
 /// the Earth's field.
 const DISTURBANCE_UT: f64 = 20.0;
-/// Interval in each turn during which the disturbance acts, s.
+/// Interval of each turn in which the disturbance acts, in seconds.
 const DISTURBANCE_INTERVAL_S: std::ops::Range<f64> = 2.0..4.0;
 
 /// Fuser stage, with the name and the value of its gain; `None` keeps the default gain.

@@ -17,7 +17,7 @@
 //! | `NAME.angles` | yaw, pitch, roll and course |
 //! | `NAME.bias` | gyro bias: estimated, and true if known |
 //! | `NAME.error` | inclination error; also heading and total error if the heading is known |
-//! | `NAME.signed` | signed roll, pitch, yaw and course errors; drift of an arbitrary yaw |
+//! | `NAME.signed` | signed roll, pitch, yaw and course errors; drift of a yaw with an arbitrary zero direction |
 //! | `NAME.bias-error` | gyro bias error, if the true bias is known |
 //! | `NAME.sphere` | the up vector on the Riemann sphere, and the plane of w |
 //! | `sweep.SETTING` | error over the range of a setting |
@@ -53,8 +53,8 @@ const WIDTH: u32 = 1200;
 const PANEL_HEIGHT: u32 = 300;
 /// Height of the panel in a figure with a single panel, pixels.
 const SINGLE_PANEL_HEIGHT: u32 = 500;
-/// Maximum size of a figure over time, bytes, so that a browser or a page with many figures stays
-/// fast.
+/// Maximum size of a figure over time in bytes. The limit keeps a browser or a page with many
+/// figures fast.
 const MAX_FIGURE_BYTES: usize = 300_000;
 /// Largest number of bins that are merged to reach [`MAX_FIGURE_BYTES`].
 ///

@@ -80,8 +80,8 @@ pub(crate) struct PlotRecord {
     sensors: SensorSlots,
     first_ns: Option<i64>,
     end_s: f64,
-    /// First heading error of a run with an arbitrary heading. Later errors are drawn relative to
-    /// it.
+    /// First heading error of a run, if the zero direction of the heading is arbitrary. Later
+    /// errors are drawn relative to this error.
     first_heading_error_deg: Option<f64>,
     ticks: u64,
     ticks_per_point: u64,
@@ -148,7 +148,7 @@ impl PlotRecord {
         self.ticks += 1;
     }
 
-    /// Returns the end of the run, s, if no sample is in the time window.
+    /// Returns the end of the run in seconds if no sample is in the time window.
     pub(crate) fn end_s_if_empty(&self) -> Option<f64> {
         (self.ticks == 0).then_some(self.end_s)
     }

@@ -86,7 +86,8 @@ fn assert_equal_errors(paths: &[PathBuf]) {
             ];
             println!("{} {}: {pairs:.4?}", trial.name, stage.fuser);
             for (found_deg, bare_deg) in pairs {
-                // If the heading is unknown, the program reports no heading and total error.
+                // If the heading is unknown, the program reports neither a heading error nor a
+                // total error, so there is nothing to compare.
                 let difference_deg = found_deg.map_or(0.0, |found_deg| (found_deg - bare_deg).abs());
                 assert!(difference_deg <= MAX_DIFFERENCE_DEG, "{} {}: {pairs:?}", trial.name, stage.fuser);
             }
