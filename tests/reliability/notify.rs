@@ -15,7 +15,7 @@ use runtime::clock::{monotonic_ns, sleep_until_ns};
 use scenario::{Motion, SensorErrors, Sensors};
 
 const RATE_HZ: f64 = 500.0;
-/// Capacity of the topic `sensor` in messages: two seconds of readings, as by default.
+/// Capacity of the topic `sensor` in messages: two seconds of readings, which is the default.
 const BUFFER: usize = 1000;
 const BUS: &str = "[ingest]\nsource = \"bus\"\n[ingest.bus]\nrate_hz = 500.0\ngyro_samples = \"instants\"\n";
 /// Watchdog timeout, µs. The watchdog is fed four times per timeout.

@@ -171,7 +171,7 @@ impl SystemUnderTest {
         let _ = Pid::from_raw(self.process.child.id() as i32).map(|pid| kill_process(pid, Signal::INT));
     }
 
-    /// Kills a service and returns the time of the kill in ns of CLOCK_MONOTONIC. Returns `None` if
+    /// Kills a service and returns the time of the kill in ns (CLOCK_MONOTONIC). Returns `None` if
     /// the service has not reported a new process since the previous kill.
     pub(crate) fn kill(&mut self, service: Service) -> Option<u64> {
         let pid = Pid::from_raw(std::mem::take(&mut self.pids[service as usize]) as i32)?;

@@ -78,7 +78,7 @@ pub fn ns_per_update(steps: &[StageInput], compared: &[StageChain]) -> Vec<Optio
     rounds_ns.into_iter().map(median).map(|ns| ns.is_finite().then_some(ns)).collect()
 }
 
-/// Returns the CPU time in ns that this thread and the programs of external stages need for a step.
+/// Returns the mean CPU time in ns per step of this thread and the programs of external stages.
 fn mean_ns_per_step(steps: &[StageInput], mut stages: StageChain) -> Option<f64> {
     let start_ns = cpu_ns() + stages.program_cpu_ns()?;
     for step in steps {
