@@ -68,7 +68,7 @@ impl Drop for BackgroundTask {
     }
 }
 
-/// Device simulated by software of another project.
+/// Device simulated by third-party software.
 struct Device(Child);
 
 impl Device {

@@ -1,4 +1,4 @@
-//! UDP datagrams to one address.
+//! Sends UDP datagrams to one address.
 //!
 //! - Input: bytes.
 //! - Output: one datagram for each call.

@@ -224,7 +224,7 @@ impl MavlinkPosition {
     ///
     /// The time is that of the velocity measurement, if the age of the velocity is known.
     /// `first_altitude_m` is the altitude of the first fix that was sent, or `None` for that fix.
-    /// `attitude` gives the heading, which is known if its zero direction is true north.
+    /// The heading is taken from `attitude` and is known only if its zero direction is true north.
     pub fn new(fix: &GnssFix, first_altitude_m: Option<f64>, attitude: Option<&MavlinkAttitude>) -> Option<Self> {
         let GnssFix { header, velocity_m_s, age_s, latitude_rad, longitude_rad, altitude_m, .. } = *fix;
         let needed = [latitude_rad, longitude_rad, altitude_m];

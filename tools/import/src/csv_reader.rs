@@ -234,8 +234,8 @@ impl CsvRecord<'_> {
 
     /// Returns the time in a column.
     ///
-    /// `digits` is the number of decimal places of the column's unit that correspond to 1 ns: 9 for
-    /// seconds, 0 for nanoseconds.
+    /// `digits` is the number of decimal places that a time in the column's unit needs to resolve 1
+    /// ns: 9 for seconds, 0 for nanoseconds.
     pub(crate) fn time(&self, index: usize, digits: usize) -> Result<Time, ImportError> {
         let time = |dialect: &mut Dialect, field: &str| dialect.time(field, digits)?.ok_or(Expected::TimeText);
         self.parse(&self.fields(), index, time).map_err(|error| match error {

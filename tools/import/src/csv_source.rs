@@ -400,8 +400,8 @@ impl CsvFiles {
         recording::Reader::open(path).err().filter(RecordingError::suggests_name)
     }
 
-    /// Returns a value of `--map` for these files. It contains the first column that may hold each
-    /// target, and `COLUMN` for a required column that is not recognised.
+    /// Returns a value of `--map` to suggest for these files. The value contains the first column
+    /// that may hold each target, and `COLUMN` for a required column that is not recognised.
     fn map_line(&self, mapping: &Mapping) -> ForeignText {
         let names = || self.columns.iter().flat_map(|(_, names)| names).map(ForeignText::raw);
         let column = |target: &str| {

@@ -117,8 +117,8 @@ impl FleetMonitor {
     }
 }
 
-/// Returns the named vehicle, which is added if it is new. Returns `None` if it is new and the
-/// maximum number of vehicles has been reached.
+/// Adds the named vehicle if it is new, and returns it. Returns `None` if it is new and the maximum
+/// number of vehicles has been reached.
 fn entry<'v>(vehicles: &'v mut Vehicles, name: &str) -> Option<&'v mut Vehicle> {
     let has_room = vehicles.len() < MAX_VEHICLES;
     (has_room || vehicles.contains_key(name)).then(|| vehicles.entry(name.into()).or_default())

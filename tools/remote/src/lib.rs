@@ -1,4 +1,4 @@
-//! Client of remote vehicles, through their gateways.
+//! Client that connects to remote vehicles through their gateways.
 //!
 //! Input: the telemetry and liveliness of each reachable vehicle.
 //!

@@ -211,8 +211,8 @@ impl World {
         }
     }
 
-    /// Returns the newest process of a service. This is one that was started as a candidate if
-    /// `candidate` is set, and otherwise one that was started as an owner.
+    /// Returns the newest process of a service that was started as a candidate, or as an owner if
+    /// `candidate` is not set.
     fn target(&mut self, service: Service, candidate: bool) -> Option<&mut Process> {
         let matches = |process: &&mut Process| process.service == service && process.candidate == candidate;
         self.processes.iter_mut().rfind(matches)

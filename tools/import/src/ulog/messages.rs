@@ -202,7 +202,7 @@ fn section_ends(offsets: &[u64; 3]) -> Vec<u64> {
 }
 
 /// Returns `true` if the content of a message that is not decoded fits its type. Damage often
-/// changes the type of a message.
+/// changes the type of a message, so the content then no longer fits.
 fn is_valid(kind: u8, content: &[u8]) -> bool {
     let has_key = |key_at: usize| {
         let key_bytes = content.get(key_at).copied().map_or(usize::MAX, usize::from);

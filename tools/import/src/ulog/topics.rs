@@ -54,7 +54,7 @@ impl Measurement {
     }
 
     /// Returns `false` for a magnetic field with a component that is not finite. Rates and forces
-    /// that are not finite are imported, because ingest rejects such readings.
+    /// that are not finite are imported, because ingest rejects such readings later.
     pub(super) fn is_finite(&self) -> bool {
         match self {
             Self::Field((_, field_ut)) => field_ut.iter().all(|part| part.is_finite()),
