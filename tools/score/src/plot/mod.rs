@@ -17,7 +17,7 @@
 //! | `NAME.angles` | yaw, pitch, roll and course |
 //! | `NAME.bias` | gyro bias: estimated, and true if known |
 //! | `NAME.error` | inclination error; also heading and total error if the heading is known |
-//! | `NAME.signed` | signed roll, pitch, yaw and course errors; drift of a yaw with an arbitrary zero direction |
+//! | `NAME.signed` | signed roll, pitch, yaw and course errors; yaw drift if north is unknown |
 //! | `NAME.bias-error` | gyro bias error, if the true bias is known |
 //! | `NAME.sphere` | the up vector on the Riemann sphere, and the plane of w |
 //! | `sweep.SETTING` | error over the range of a setting |
