@@ -80,6 +80,7 @@ impl View {
 
     /// Updates the statistics and trends of each vehicle.
     fn step(&mut self, vehicles: &mut Vehicles) {
+        self.per_vehicle.retain(|name, _| vehicles.contains_key(name));
         for (name, vehicle) in vehicles {
             let stats = self.per_vehicle.entry(name.clone()).or_default();
             stats.count(vehicle);

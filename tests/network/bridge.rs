@@ -15,8 +15,11 @@ use crate::common::{
     signal, wait_for,
     walk::Walk,
 };
+use bridges::ros_messages::encode_imu;
+use messages::{AttitudeOutput, ImuSample};
 use rustix::process::Signal;
 use serde_json::{Value, json};
+use zenoh::{Config, Session, Wait, qos::CongestionControl};
 
 const TUMBLE: &str = "ingest.sim.scenario = \"tumble\"";
 /// Offset of MAV_STATE in a heartbeat frame, in bytes.
@@ -357,6 +360,56 @@ fn ros_sensor_bridge_feeds_readings_to_system() {
     let [(first_s, first), (last_s, end)] = [second_half[0], second_half[second_half.len() - 1]];
     let rate_deg_s = (yaw(end) - yaw(first)).to_degrees().rem_euclid(360.0) / (last_s - first_s);
     assert!((rate_deg_s - 10.0).abs() < 0.5, "yaw rate {rate_deg_s} °/s");
+}
+
+/// Number of magnetic fields that the bridge reads for one reading of rate and force.
+const MAX_FIELDS: u64 = 1000;
+
+/// Opens a Zenoh router, to which the bridges connect.
+fn open_router(port: u16) -> Session {
+    let mut config = Config::default();
+    for (key, value) in [
+        ("mode", "\"router\"".to_owned()),
+        ("listen/endpoints", format!("[\"tcp/127.0.0.1:{port}\"]")),
+        ("scouting/multicast/enabled", "false".into()),
+    ] {
+        config.insert_json5(key, &value).unwrap();
+    }
+    zenoh::open(config).wait().unwrap()
+}
+
+#[test]
+fn ros_sensor_bridge_limits_fields_per_reading() {
+    let system = System::new("ingest.source = \"bus\"\ningest.bus.rate_hz = 100");
+    let running = system.start(&[]);
+    wait_for("the system to accept readings", || driver::Sensor::open(&system.name).is_ok());
+    let port = free_port();
+    let router = open_router(port);
+    let to = format!("tcp/127.0.0.1:{port}");
+    let mut bridge = plumb(&["bridge", "ros-sensor", "--json", "--topic", "imu", "--mag", "mag"]);
+    let bridge = bridge.args(["--system", &system.name, "--connect", &to]);
+    let bridge = bridge.stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap();
+    wait_for("the bridge to subscribe", || {
+        let tokens = router.liveliness().get("@ros2_lv/0/**/MS/**").wait().unwrap();
+        tokens.iter().count() == 2
+    });
+    let put = |topic: &str, name: &str, bytes: Vec<u8>| {
+        let key = format!("0/{topic}/sensor_msgs::msg::dds_::{name}_/RIHS01_0");
+        router.put(key, bytes).congestion_control(CongestionControl::Block).wait().unwrap();
+    };
+    // More malformed fields than the bridge buffers. They arrive before the readings.
+    (0..5000).for_each(|_| put("mag", "MagneticField", Vec::new()));
+    let attitude: AttitudeOutput = bytemuck::Zeroable::zeroed();
+    let sample = ImuSample { force_m_s2: [0.0, 0.0, 9.81], ..bytemuck::Zeroable::zeroed() };
+    for reading in 0..3 {
+        put("imu", "Imu", encode_imu(&attitude, &sample, reading * 10_000_000, "body").unwrap());
+    }
+    wait_for("three ticks", || ticks(&system) == 3);
+    signal(bridge.id(), Signal::INT);
+    let received = final_report(bridge);
+    assert_eq!((&received["readings"], &received["rejected"]), (&json!(3), &json!(3 * MAX_FIELDS)), "{received}");
+    running.interrupt();
+    running.wait().assert_complete();
 }
 
 /// Command that the bridges suggest if there is no router.

@@ -3,6 +3,7 @@
 
 mod bridge;
 mod certificates;
+mod foreign_vehicles;
 mod gateway;
 mod impaired_network;
 mod links;

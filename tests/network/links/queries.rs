@@ -79,3 +79,9 @@ fn zenoh_error_is_reported_as_no_response() {
     let error = open_client(endpoint).query_one::<Services>(KEY, Vec::new(), REPLY_TIMEOUT).unwrap_err();
     assert!(matches!(error, LinkError::NoResponse { .. }), "{error}");
 }
+
+#[test]
+fn number_of_responses_to_a_query_is_limited() {
+    let (_board, client) = open_pair(|query| (0..3000).for_each(|_| query.reply_raw(KEY, Vec::new())));
+    assert_eq!(client.query(KEY, Vec::new(), REPLY_TIMEOUT).unwrap().len(), 1024);
+}

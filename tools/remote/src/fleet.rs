@@ -25,7 +25,8 @@ use wire::{
 
 use crate::error::RemoteError;
 
-/// Maximum number of vehicles that are tracked.
+/// Maximum number of vehicles that are tracked. Beyond that, a new vehicle replaces one that is not
+/// alive.
 const MAX_VEHICLES: usize = 256;
 /// Maximum number of services that are tracked per vehicle. A system has fewer than 16.
 const MAX_SERVICES: usize = 64;
@@ -53,6 +54,8 @@ pub struct Vehicle {
     /// End-to-end latencies of the attitudes since the latencies were last evaluated.
     pub latencies: LatencyHistogram,
     decode_errors: DecodeErrorCounts,
+    /// Arrival time of the newest message or token.
+    heard_at: Option<Instant>,
 }
 
 /// Vehicles by name.
@@ -117,15 +120,28 @@ impl FleetMonitor {
     }
 }
 
-/// Adds the named vehicle if it is new, and returns it. Returns `None` if it is new and the maximum
-/// number of vehicles has been reached.
+/// Returns the named vehicle, which has sent a message or token. Adds it if it is new.
+///
+/// If there is no room, the vehicle that has been silent longest is forgotten. Returns `None` if
+/// all are alive.
 fn entry<'v>(vehicles: &'v mut Vehicles, name: &str) -> Option<&'v mut Vehicle> {
-    let has_room = vehicles.len() < MAX_VEHICLES;
-    (has_room || vehicles.contains_key(name)).then(|| vehicles.entry(name.into()).or_default())
+    if vehicles.len() >= MAX_VEHICLES && !vehicles.contains_key(name) {
+        let gone = vehicles.iter().filter(|(_, vehicle)| !vehicle.is_alive);
+        let (longest_silent, _) = gone.min_by_key(|(_, vehicle)| vehicle.heard_at)?;
+        let longest_silent = longest_silent.clone();
+        vehicles.remove(&longest_silent);
+    }
+    let vehicle = vehicles.entry(name.into()).or_default();
+    vehicle.heard_at = Some(Instant::now());
+    Some(vehicle)
 }
 
 fn update_liveliness(vehicles: &mut Vehicles, token: &RemoteMessage) {
     let Some((name, rest)) = keys::parse(&token.key) else { return };
+    // The withdrawal of an unknown vehicle's token must not add the vehicle.
+    if !token.is_present && !vehicles.contains_key(name) {
+        return;
+    }
     let Some(vehicle) = entry(vehicles, name) else { return };
     match rest.strip_prefix(keys::LIVELINESS).map(|service| service.trim_start_matches('/')) {
         Some("") => vehicle.is_alive = token.is_present,
