@@ -1,7 +1,7 @@
 //! Reader of the messages in a ROS 2 database, in the order in which they were written.
 //!
-//! The database is opened read-only. Only two tables are read and views are rejected, so that no
-//! query stored in the file is executed.
+//! The database is opened read-only. Only two tables are read. Views and generated columns are
+//! rejected, so that no query or expression stored in the file is executed.
 //!
 //! Memory: [`BATCH_MESSAGES`] messages of at most [`MAX_MESSAGE_BYTES`] each.
 //!
@@ -123,6 +123,12 @@ impl Cursor {
             let count: i64 = connection.query_row(query, [table], |row| row.get(0))?;
             if count != 1 {
                 return Err(ReadError::Damage(format!("no table {table}, not a ROS 2 bag").into()));
+            }
+            // The expression of a generated column can take hours for each row.
+            let query = "SELECT count(*) FROM pragma_table_xinfo(?1) WHERE hidden != 0";
+            let generated: i64 = connection.query_row(query, [table], |row| row.get(0))?;
+            if generated != 0 {
+                return Err(ReadError::Damage(format!("generated columns in {table}, not a ROS 2 bag").into()));
             }
         }
         let (mut topics, mut topic_ids) = (HashMap::new(), HashSet::new());

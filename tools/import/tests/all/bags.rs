@@ -161,19 +161,28 @@ fn bag_of_several_files_joined_and_damage_reported() {
 #[test]
 fn database_with_views_or_generated_columns_rejected() {
     let folder = Folder::new();
-    for endless in [
+    let data = |i| imu_message(i).iter().map(|byte| format!("{byte:02x}")).collect::<String>();
+    let readable = format!(
+        "CREATE TABLE messages(id INTEGER PRIMARY KEY, topic_id INTEGER AS (instr('ab', 'a')), timestamp INTEGER, \
+         data BLOB);
+         INSERT INTO messages(timestamp, data) VALUES (1, x'{}'), (2, x'{}');",
+        data(1),
+        data(2)
+    );
+    for stored in [
         "CREATE VIEW messages AS WITH RECURSIVE n(id) AS (SELECT 1 UNION ALL SELECT id + 1 FROM n) \
          SELECT id, 1 AS topic_id, id AS timestamp, randomblob(1000) AS data FROM n;",
         "CREATE TABLE messages(id INTEGER PRIMARY KEY, topic_id INTEGER AS (1), timestamp INTEGER, \
          data BLOB AS (zeroblob(900000000)));
          INSERT INTO messages(timestamp) VALUES (1), (2);",
+        &readable,
     ] {
         let path = folder.path("a.db3");
         let _ = fs::remove_file(&path);
         let database = rusqlite::Connection::open(&path).unwrap();
         let topics = "CREATE TABLE topics(id INTEGER PRIMARY KEY, name TEXT, type TEXT, serialization_format TEXT);
                       INSERT INTO topics VALUES (1, '/imu', 'sensor_msgs/msg/Imu', 'cdr');";
-        database.execute_batch(&format!("{topics}{endless}")).unwrap();
+        database.execute_batch(&format!("{topics}{stored}")).unwrap();
         drop(database);
         let error = folder.import(from_ref(&path), None).unwrap_err();
         assert!(error.exit_code() == 3, "{error}");
