@@ -187,7 +187,12 @@ fn from_summary(file: &mut File, bytes: u64) -> McapResult<Option<FlightInfo>> {
             rate_hz: None,
         });
     }
+    // Each entry of the index has its own record. Otherwise, a short index could make the reader
+    // read a long record any number of times.
+    let mut left_bytes = bytes;
     for index in &summary.metadata_indexes {
+        let left = left_bytes.checked_sub(index.length);
+        left_bytes = left.ok_or_else(|| io::Error::other("the metadata in its index is longer than the file"))?;
         if let Some((name, entries)) = read_metadata(file, index)? {
             info.metadata.insert(name, entries);
         }

@@ -4,7 +4,10 @@ use std::{collections::BTreeMap, fs, io::Cursor};
 
 use foreign::ForeignText;
 use graph::Topic;
-use mcap::{Compression, WriteOptions, records::MessageHeader};
+use mcap::{
+    Compression, WriteOptions,
+    records::{MessageHeader, Metadata},
+};
 use messages::{AttitudeOutput, Health, ImuSample};
 
 use crate::{FlightError, FlightHeader, FlightInfo, Recorder, RecordingMode, info::AttachmentInfo};
@@ -178,6 +181,33 @@ fn implausibly_uniform_file_is_refused_while_it_is_read() {
     assert!(error.contains(expected), "{error}");
     let info = FlightInfo::read(&path).unwrap();
     assert!(info.messages < 70 && info.incomplete.unwrap().raw().contains(expected));
+}
+
+#[test]
+fn index_that_repeats_a_long_record_is_not_followed() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("flight.mcap");
+    let mut file = Cursor::new(Vec::new());
+    let mut writer = WriteOptions::new().calculate_summary_section_crc(false).create(&mut file).unwrap();
+    for (name, length) in [("long.", 1 << 20)].into_iter().chain([("short", 1); 100]) {
+        let metadata = BTreeMap::from([("text".to_owned(), "x".repeat(length))]);
+        writer.write_metadata(&Metadata { name: name.into(), metadata }).unwrap();
+    }
+    writer.finish().unwrap();
+    drop(writer);
+    // An entry of the index has an opcode, a length, the position and length of the record, and a
+    // name. Every entry is changed to that of the first record.
+    let mut bytes = file.into_inner();
+    let start = [&[13][..], &25u64.to_le_bytes()].concat();
+    let entries: Vec<_> = (0..bytes.len()).filter(|at| bytes[*at..].starts_with(&start)).collect();
+    assert_eq!(entries.len(), 101);
+    let first = entries[0] + start.len()..entries[0] + start.len() + 16;
+    entries.iter().for_each(|at| bytes.copy_within(first.clone(), at + start.len()));
+    fs::write(&path, bytes).unwrap();
+    let info = FlightInfo::read(&path).unwrap();
+    let names: Vec<_> = info.metadata.keys().map(ForeignText::raw).collect();
+    let damage = info.incomplete.as_ref().map_or("", ForeignText::raw);
+    assert!(damage.contains("longer than the file") && names == ["long.", "short"], "{damage:?} {names:?}");
 }
 
 #[test]
