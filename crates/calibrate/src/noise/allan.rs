@@ -100,20 +100,16 @@ impl Covariances {
 /// Returns the covariance of the estimates at two τ as a quadratic form of the coefficients.
 fn covariance(a_s: f64, b_s: f64, rests_s: &[f64]) -> [[f64; TYPES]; TYPES] {
     let lengths = |tau_s: f64| rests_s.iter().map(move |rest_s| (rest_s - 2.0 * tau_s).max(0.0));
+    // Rests that are too short for a difference are left out here. With all rests, the time would
+    // grow with the square of the recording's length.
+    let overlaps: Vec<_> = lengths(a_s).zip(lengths(b_s)).filter(|(a_s, b_s)| *a_s > 0.0 && *b_s > 0.0).collect();
     let step_s = a_s.min(b_s) / STEPS;
     let steps = (MAX_LAG * (a_s + b_s) / step_s).ceil() as i64;
     let mut form = [[0.0; TYPES]; TYPES];
     for step in -steps..=steps {
         let lag_s = step as f64 * step_s;
         // Total duration over which two differences of a rest have this lag.
-        let overlap_s: f64 = lengths(a_s)
-            .zip(lengths(b_s))
-            .map(
-                |(a_s, b_s)| {
-                    if a_s > 0.0 && b_s > 0.0 { (a_s.min(b_s + lag_s) - lag_s.max(0.0)).max(0.0) } else { 0.0 }
-                },
-            )
-            .sum();
+        let overlap_s: f64 = overlaps.iter().map(|(a_s, b_s)| (a_s.min(b_s + lag_s) - lag_s.max(0.0)).max(0.0)).sum();
         if overlap_s == 0.0 {
             continue;
         }
