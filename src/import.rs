@@ -7,8 +7,8 @@ use std::{
 
 use clap::Args;
 use import::{
-    Format, ImportError, Mapping, MappingError, Options, Segment, Summary, Table, convert, convert_table,
-    mcap_file::to_mcap, note_fixes_outside, plain_recording_range_ns,
+    Format, ImportError, Mapping, MappingError, Note, Options, PlainRecording, Segment, Summary, Table, convert,
+    convert_table, fixes_notes, mcap_file::to_mcap,
 };
 use recording::{RecordingError, References};
 use tempfile::TempDir;
@@ -152,12 +152,13 @@ pub(crate) fn run(Import { files, out, reading, sensors }: Import) -> ExitCode {
 fn write_mcap(files: &[PathBuf], options: &Options, out: &Path) -> Result<(String, Option<String>), ImportError> {
     if let [file] = files
         && *options == Options::default()
-        && plain_recording_range_ns(file).is_some()
+        && let Some(plain) = PlainRecording::read(file)
     {
         let survey = recording::survey(file)?;
         to_mcap(file, out)?;
         let samples = launch::pluralize(survey.rows, "sample");
-        return Ok((format!("{}: {samples} at {:.1} Hz", foreign::path(out), survey.rate_hz), None));
+        let head = format!("{}: {samples} at {:.1} Hz", foreign::path(out), survey.rate_hz);
+        return Ok((with_notes(head, plain.note.as_slice()), None));
     }
     let (readable, summary) = ReadableFile::import(files, options)?;
     to_mcap(&readable.path, out)?;
@@ -247,9 +248,9 @@ impl ReadableFile {
             let copy = fixes.file_name().unwrap_or_default().to_string_lossy().into_owned();
             let copy = folder.path().join(copy.strip_suffix(".gz").unwrap_or(&copy));
             summary.notes.extend(convert_table(fixes, Table::Fixes, &copy)?);
-            let rows_ns = plain_recording_range_ns(&imported);
-            let outside = rows_ns.map(|rows_ns| note_fixes_outside(&copy, rows_ns)).transpose()?;
-            summary.notes.extend(outside.flatten());
+            let rows = PlainRecording::read(&imported);
+            let notes = rows.map(|rows| fixes_notes(&copy, rows.range_ns)).transpose()?;
+            summary.notes.extend(notes.into_iter().flatten());
         }
         let warning = summary.warning();
         let (user_path, format) = (first.to_owned(), summary.format);
@@ -296,21 +297,27 @@ impl ReadableTable {
     /// reports the error.
     pub(crate) fn open(path: &Path, table: Table) -> Self {
         let unchanged = Self { path: path.to_owned(), user_path: path.to_owned(), _folder: None };
-        let is_plain = match table {
-            Table::Fixes => recording::gnss::validate(path).is_ok(),
-            Table::Reference => {
-                References::open(path).and_then(|mut table| table.attitude_at(i64::MAX, [0.0; 3])).is_ok()
-            }
+        let unended_line = match table {
+            Table::Fixes => recording::gnss::survey(path).map(|survey| survey.unended_line),
+            Table::Reference => References::open(path).and_then(|mut table| {
+                table.attitude_at(i64::MAX, [0.0; 3])?;
+                Ok(table.unended_line())
+            }),
         };
-        let name = path.file_name().unwrap_or_default().to_string_lossy().into_owned();
-        if is_plain || !path.is_file() {
+        let announce = |note: &Note| supervisor::announce(format_args!("{}: {note}", foreign::path(path)));
+        if let Ok(unended_line) = unended_line {
+            unended_line.map(|line| Note::UnendedRow { line }).iter().for_each(announce);
             return unchanged;
         }
+        if !path.is_file() {
+            return unchanged;
+        }
+        let name = path.file_name().unwrap_or_default().to_string_lossy().into_owned();
         // The run reports why the table cannot be read.
         let Ok(folder) = tempfile::Builder::new().prefix("plumb-import-").tempdir() else { return unchanged };
         let out = folder.path().join(name.strip_suffix(".gz").unwrap_or(&name));
         let Ok(notes) = convert_table(path, table, &out) else { return unchanged };
-        notes.iter().for_each(|note| supervisor::announce(format_args!("{}: {note}", foreign::path(path))));
+        notes.iter().for_each(announce);
         Self { path: out, user_path: path.to_owned(), _folder: Some(folder) }
     }
 
@@ -346,20 +353,20 @@ fn is_read_unchanged(path: &Path) -> Result<bool, ImportError> {
         Err(_) => return Ok(true),
     };
     Ok(match format {
-        Format::Recording => match plain_recording_range_ns(path) {
-            Some(rows_ns) => {
-                let fixes = recording::gnss::find_for(path);
-                // Fixes in another dialect, or with damaged rows, are converted.
-                let note = match fixes.map(|fixes| note_fixes_outside(&fixes, rows_ns)).transpose() {
-                    Ok(note) => note.flatten(),
-                    Err(_) => return Ok(false),
-                };
-                note.iter().for_each(|note| announce_warning(&note.to_string()));
+        Format::Recording => match PlainRecording::read(path) {
+            Some(plain) => {
+                let announce = |file: &Path, note: &Note| announce_warning(&format!("{}: {note}", foreign::path(file)));
+                if let Some(fixes) = recording::gnss::find_for(path) {
+                    // Fixes in another dialect, or with damaged rows, are converted.
+                    let Ok(notes) = fixes_notes(&fixes, plain.range_ns) else { return Ok(false) };
+                    notes.iter().for_each(|note| announce(&fixes, note));
+                }
+                plain.note.iter().for_each(|note| announce(path, note));
                 true
             }
             None => false,
         },
-        Format::Gzip => is_unreadable(path),
+        Format::Gzip | Format::Zstd => is_unreadable(path),
         _ => false,
     })
 }
@@ -388,5 +395,9 @@ pub(crate) fn summary_text(summary: &Summary, name: &Path) -> String {
         "{}: {format}, {samples} at {rate_hz:.1} Hz in {duration_s:.1} s, {field_rows} with magnetic field, {reference_rows} with reference, {fixes}",
         foreign::path(name)
     );
+    with_notes(head, notes)
+}
+
+fn with_notes(head: String, notes: &[Note]) -> String {
     notes.iter().fold(head, |text, note| format!("{text}\n  {note}"))
 }

@@ -8,7 +8,7 @@ use std::{
 
 use clap::Args;
 use flight::{FlightError, FlightInfo};
-use import::{Format, ImportError, Segment, Sensor, plain_recording_range_ns};
+use import::{Format, ImportError, PlainRecording, Segment, Sensor};
 use recording::{RecordingError, survey};
 use serde::Serialize;
 
@@ -114,9 +114,10 @@ pub(crate) fn run(Info { file, json, reading, sensors }: &Info) -> ExitCode {
                     None => printed,
                 }
             }
-            Format::Recording if !reading.is_set() && plain_recording_range_ns(file).is_some() => {
-                show(&read_recording(file)?, *json)
-            }
+            Format::Recording if !reading.is_set() => match PlainRecording::read(file) {
+                Some(plain) => show(&read_recording(file, &plain)?, *json),
+                None => show(&read_foreign_log(file, reading, *sensors)?, *json),
+            },
             _ => show(&read_foreign_log(file, reading, *sensors)?, *json),
         })
     };
@@ -128,7 +129,7 @@ fn show<T: Serialize + fmt::Display>(info: &T, json: bool) -> ExitCode {
     if json { print(&serde_json::to_string(info).unwrap_or_default()) } else { print(info) }
 }
 
-fn read_recording(file: &Path) -> Result<RecordingInfo, RecordingError> {
+fn read_recording(file: &Path, plain: &PlainRecording) -> Result<RecordingInfo, RecordingError> {
     let survey = survey(file)?;
     let (rows, rate_hz, has_reference) = (survey.rows, survey.rate_hz, survey.has_reference);
     let seconds = rows.saturating_sub(1) as f64 / rate_hz;
@@ -139,7 +140,8 @@ fn read_recording(file: &Path) -> Result<RecordingInfo, RecordingError> {
         foreign::path(file),
         Format::Recording
     );
-    let notes = missing_values(file)?;
+    let mut notes = missing_values(file)?;
+    notes.extend(plain.note.as_ref().map(ToString::to_string));
     let text = notes.iter().fold(text, |text, note| format!("{text}\n  {note}"));
     let format = Format::Recording.to_string();
     let (segments, sensors) = Default::default();
@@ -216,7 +218,8 @@ mod tests {
         let file = tempfile::NamedTempFile::new().unwrap();
         let rows = "0,0,0,0,0,0,9.8\n0.01,nan,0,0,0,0,9.8\n0.02,nan,nan,nan,0,0,inf\n";
         std::fs::write(&file, format!("t_s,gx,gy,gz,ax,ay,az\n{rows}")).unwrap();
-        let info = read_recording(file.path()).unwrap();
+        let read = || read_recording(file.path(), &PlainRecording::read(file.path()).unwrap()).unwrap();
+        let info = read();
         assert_eq!(info.notes, ["2 of 3 samples without rate", "1 of 3 samples without force"]);
         assert!(
             info.text.ends_with("\n  2 of 3 samples without rate\n  1 of 3 samples without force"),
@@ -224,6 +227,6 @@ mod tests {
             info.text
         );
         std::fs::write(&file, "t_s,gx,gy,gz,ax,ay,az\n0,0,0,0,0,0,9.8\n0.01,0,0,0,0,0,9.8\n").unwrap();
-        assert_eq!(read_recording(file.path()).unwrap().notes, Vec::<String>::new());
+        assert_eq!(read().notes, Vec::<String>::new());
     }
 }

@@ -146,7 +146,7 @@ fn binary_noise_is_rejected() {
 #[test]
 fn truncated_gzip_stream_is_rejected() {
     let stream = gzip(RECORDING);
-    let texts = ["found the end of the file inside the gzip stream, expected the rest of it; copy the file again"];
+    let texts = ["found the end of the file inside the compressed data, expected the rest of it; copy the file again"];
     assert_recording_rejected("cut.csv.gz", &stream[..stream.len() / 2], &texts);
 }
 

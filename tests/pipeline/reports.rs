@@ -113,6 +113,41 @@ fn text_of_loggers_is_read_as_files() {
     assert_read(&system, &file, &["--units", "deg/s"], 0.0, "");
 }
 
+#[test]
+fn cut_last_number_of_a_recording_is_reported() {
+    let system = System::new("");
+    let rows: String = (0..100).map(|n| format!("{}.{:02},0,0,0.{n:02},0,0,9.80665\n", n / 100, n % 100)).collect();
+    let complete = format!("t_s,gx,gy,gz,ax,ay,az\n{rows}");
+    let gzip = |text: &str| {
+        let mut encoder = GzEncoder::new(Vec::new(), Compression::default());
+        encoder.write_all(text.as_bytes()).unwrap();
+        encoder.finish().unwrap()
+    };
+    let fixes = "t_s,ve,vn,vu\n0.1,1,2,0\n0.5,1,2,0.0";
+    fs::write(system.path("cut_gnss.csv"), fixes).unwrap();
+    let note = "line 101, the last one, has no line end: if the file was cut";
+    for (cut, is_reported) in [(0, false), (1, true), (3, true)] {
+        let text = &complete[..complete.len() - cut];
+        for (name, contents) in [
+            ("cut_imu.csv", text.as_bytes().to_vec()),
+            ("cut_imu.csv.gz", gzip(text)),
+            ("cut_imu.csv.zst", zstd::encode_all(text.as_bytes(), 0).unwrap()),
+        ] {
+            let file = system.path(name);
+            fs::write(&file, contents).unwrap();
+            let summary = self::text(&run("info", &file, &[]).stdout);
+            assert!(summary.contains("100 samples at 100.0 Hz"), "{name}: {summary}");
+            let (ticks, replay) = replayed(&system, &file, &[]);
+            let score = self::text(&run("score", &file, &[]).stderr);
+            assert_eq!(ticks, 100);
+            for message in [&summary, &replay, &score] {
+                assert_eq!(message.contains(note), is_reported, "{name} -{cut}: {message}");
+            }
+            assert!(replay.contains("cut_gnss.csv: line 3, the last one"), "{replay}");
+        }
+    }
+}
+
 #[recorded::test]
 fn text_of_loggers_is_read_from_standard_input() {
     let system = System::new("");

@@ -99,8 +99,8 @@ impl<'a> Line<'a> {
     /// of a damaged file.
     pub fn parse(line: &'a [u8]) -> Option<Self> {
         let text = str::from_utf8(line).ok()?;
-        let is_text = |found: char| !found.is_ascii_control() || matches!(found, '\t' | '\r' | '\n' | '\u{c}');
-        if !text.chars().all(is_text) {
+        let is_text = |byte: u8| !byte.is_ascii_control() || matches!(byte, b'\t' | b'\r' | b'\n' | 0x0c);
+        if !text.bytes().all(is_text) {
             return None;
         }
         let text = text.trim_start_matches(BYTE_ORDER_MARK).trim_ascii();
@@ -168,6 +168,19 @@ pub enum Expected {
     Time,
     /// A number, a time of day or a date.
     TimeText,
+}
+
+impl Expected {
+    /// Returns the description for messages. The unit of a time is not included.
+    pub fn description(self) -> &'static str {
+        match self {
+            Self::Number => "a number",
+            Self::Mark { is_comma: false } => "a number with a decimal point, as before",
+            Self::Mark { is_comma: true } => "a number with a decimal comma, as before",
+            Self::Time => "less than 9e9 s; set another unit with --units",
+            Self::TimeText => "a number, a time of day such as 13:05:00.02 or a date such as 2026-05-01T13:05:00.02Z",
+        }
+    }
 }
 
 impl Dialect {

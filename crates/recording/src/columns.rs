@@ -1,18 +1,12 @@
 //! Maps the column names of a header to field indices.
 
-use crate::{
-    error::{ParseError, Position, excerpt},
-    input::unquoted,
-};
-use csv::ByteRecord;
+use crate::error::{ParseError, Position, excerpt};
 use mapping::names::nearest;
 
 const REQUIRED: [&str; 7] = ["t_s", "gx", "gy", "gz", "ax", "ay", "az"];
 const QUATERNION: [&str; 4] = ["qw", "qx", "qy", "qz"];
 const FIELD: [&str; 3] = ["mx", "my", "mz"];
 const SCORED: &str = "mov";
-/// UTF-8 byte order mark, which some spreadsheets write before the text.
-const BYTE_ORDER_MARK: &[u8] = b"\xef\xbb\xbf";
 
 /// Columns of a recording, as field indices from 0.
 pub(crate) struct Columns {
@@ -43,14 +37,13 @@ impl Columns {
 
 /// Parses a header into column names. Each name must be in `known` and occur only once.
 pub(crate) fn parse_header(
-    header: &ByteRecord,
+    header: &[&str],
     line: u64,
     known: &'static [&'static str],
 ) -> Result<Vec<&'static str>, (Position, ParseError)> {
     let mut names = Vec::with_capacity(header.len());
     for (index, field) in header.iter().enumerate() {
-        let field = if index == 0 { field.strip_prefix(BYTE_ORDER_MARK).unwrap_or(field) } else { field };
-        let name = known_name(unquoted(field), known).map_err(|fault| (Position::field(line, index, None), fault))?;
+        let name = known_name(field, known).map_err(|fault| (Position::field(line, index, None), fault))?;
         if let Some(first) = names.iter().position(|&earlier| earlier == name) {
             return Err((Position::field(line, index, Some(name)), ParseError::DuplicateColumn { first: first + 1 }));
         }
@@ -59,13 +52,12 @@ pub(crate) fn parse_header(
     Ok(names)
 }
 
-fn known_name(field: &[u8], known: &'static [&'static str]) -> Result<&'static str, ParseError> {
-    let name = str::from_utf8(field).map_err(|_| ParseError::invalid_value(field, "UTF-8 text"))?;
+fn known_name(name: &str, known: &'static [&'static str]) -> Result<&'static str, ParseError> {
     if let Some(known) = known.iter().copied().find(|&known| known == name) {
         return Ok(known);
     }
     let near = nearest(name, known.iter().copied());
-    Err(ParseError::UnknownColumn { found: excerpt(field), suggestion: near, known })
+    Err(ParseError::UnknownColumn { found: excerpt(name.as_bytes()), suggestion: near, known })
 }
 
 fn optional_group<const N: usize>(

@@ -130,10 +130,10 @@ pub enum ParseError {
     /// The file has a header but no rows.
     #[error("found the end of the file, expected a row")]
     NoRows,
-    /// The gzip stream is incomplete.
-    #[error("found the end of the file inside the gzip stream, expected the rest of it; copy the file again")]
+    /// The compressed data is incomplete.
+    #[error("found the end of the file inside the compressed data, expected the rest of it; copy the file again")]
     Truncated,
-    /// The line could not be read: I/O error, corrupt gzip stream or excessive length.
+    /// The line could not be read: I/O error, corrupt compressed data or excessive length.
     #[error("cannot read the line: {0}")]
     Unreadable(io::Error),
     /// The header has an unknown column name.

@@ -25,9 +25,9 @@ const POSITION: [&str; 3] = ["lat_deg", "lon_deg", "alt_m"];
 const KNOWN: [&str; 7] = ["t_s", "ve", "vn", "vu", POSITION[0], POSITION[1], POSITION[2]];
 
 /// File name suffixes of recordings that can have a fix file.
-const IMU_SUFFIXES: [&str; 2] = ["_imu.csv.gz", "_imu.csv"];
+const IMU_SUFFIXES: [&str; 3] = ["_imu.csv.gz", "_imu.csv.zst", "_imu.csv"];
 /// File name suffixes of fix files, in order of preference.
-const GNSS_SUFFIXES: [&str; 2] = ["_gnss.csv", "_gnss.csv.gz"];
+const GNSS_SUFFIXES: [&str; 3] = ["_gnss.csv", "_gnss.csv.gz", "_gnss.csv.zst"];
 
 /// Satellite fix.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -98,7 +98,7 @@ fn read_fix(table: &mut Table<Columns>) -> Result<Option<Fix>, RecordingError> {
             *coordinate = number.map(|[number]| number).filter(|number| !number.is_nan());
         }
         let [latitude_deg, longitude_deg, altitude_m] = position;
-        let t_ns = fields.parse(columns.time, time::EXPECTED, time::parse_ns)?;
+        let t_ns = fields.time_ns(columns.time)?;
         Ok(Fix { t_ns, velocity_m_s: fields.numbers(columns.velocity)?, latitude_deg, longitude_deg, altitude_m })
     });
     fix.transpose()
@@ -113,7 +113,7 @@ pub fn find_for(recording: &Path) -> Option<PathBuf> {
 
 /// Returns the path that [`find_for`] tries first as the fix file of a recording.
 ///
-/// Returns `None` if the name of the recording does not end in `_imu.csv` or `_imu.csv.gz`.
+/// Returns `None` if the name of the recording does not end in `_imu.csv`, `_imu.csv.gz` or `_imu.csv.zst`.
 pub fn path_for(recording: &Path) -> Option<PathBuf> {
     let name = recording.file_name()?.to_str()?;
     let stem = IMU_SUFFIXES.iter().find_map(|end| name.strip_suffix(end))?;
@@ -173,12 +173,21 @@ impl Writer {
     }
 }
 
-/// Reads the complete file and returns the times of the first and the last fix, in ns.
+/// Summary of a complete file.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct FixSurvey {
+    /// Times of the first and the last fix, ns.
+    pub range_ns: [i64; 2],
+    /// Number of the last line if it has no line end.
+    pub unended_line: Option<u64>,
+}
+
+/// Reads the complete file.
 ///
 /// # Errors
 ///
 /// Returns an error if the file cannot be opened or any line is malformed.
-pub fn range_ns(path: &Path) -> Result<[i64; 2], RecordingError> {
+pub fn survey(path: &Path) -> Result<FixSurvey, RecordingError> {
     let mut fixes = FixReader::open(path)?;
     let first_ns = fixes.next.map_or(0, |fix| fix.t_ns);
     let mut last_ns = first_ns;
@@ -186,20 +195,7 @@ pub fn range_ns(path: &Path) -> Result<[i64; 2], RecordingError> {
         last_ns = fix.t_ns;
         fixes.next = read_fix(&mut fixes.table)?;
     }
-    Ok([first_ns, last_ns])
-}
-
-/// Reads the complete file to detect malformed lines early.
-///
-/// # Errors
-///
-/// Returns an error if the file cannot be opened or any line is malformed.
-pub fn validate(path: &Path) -> Result<(), RecordingError> {
-    let mut fixes = FixReader::open(path)?;
-    while fixes.next.is_some() {
-        fixes.next = read_fix(&mut fixes.table)?;
-    }
-    Ok(())
+    Ok(FixSurvey { range_ns: [first_ns, last_ns], unended_line: fixes.table.unended_line() })
 }
 
 #[cfg(test)]
@@ -244,7 +240,7 @@ mod tests {
             ("t_s,ve,vn,vu\n", "line 2: found the end of the file, expected a row"),
         ] {
             let file = file(text);
-            let error = validate(file.path()).unwrap_err().to_string();
+            let error = survey(file.path()).unwrap_err().to_string();
             assert_eq!(error, format!("reading the recording {}: {expected}", file.path().display()));
         }
     }

@@ -1,4 +1,4 @@
-//! Reads and writes recordings of an inertial sensor as CSV files, plain or compressed with gzip.
+//! Reads and writes recordings of an inertial sensor: CSV, plain, gzip or zstd.
 //!
 //! Input: a file with one header line. Columns `t_s,gx,gy,gz,ax,ay,az` in s, rad/s, m/s²,
 //! optionally `mx,my,mz` in µT, `qw,qx,qy,qz` and `mov`, in any order.
@@ -19,19 +19,20 @@ mod atomic_file;
 mod columns;
 mod error;
 pub mod gnss;
-mod gzip;
-mod input;
 mod reader;
 mod reference;
 mod survey;
 mod table;
+mod text_lines;
 mod time;
+mod unpacked;
 mod writer;
 
 pub use atomic_file::{temporary_path, write_atomic};
 pub use error::{ParseError, Position, RecordingError};
-pub use gzip::GzipReader;
 pub use reader::{Reader, Reference, Row};
 pub use reference::{MAX_GAP_NS, References, rotated};
 pub use survey::{Survey, survey};
+pub use text_lines::{MAX_LINE_BYTES, TextLine, TextLines};
+pub use unpacked::Unpacked;
 pub use writer::{Layout, Writer};

@@ -6,7 +6,6 @@ use crate::{
     columns::Columns,
     error::{ParseError, Position, RecordingError},
     table::{Fields, Table},
-    time,
 };
 
 /// Largest deviation of a quaternion's length from 1 that is attributed to rounding.
@@ -48,6 +47,12 @@ impl Reader {
     pub fn open(path: &Path) -> Result<Self, RecordingError> {
         Table::open(path, &Columns::KNOWN, Columns::from_names).map(Self)
     }
+
+    /// Returns the number of the last line if it has been read and has no line end. The file may
+    /// then have been cut within its last number.
+    pub fn unended_line(&self) -> Option<u64> {
+        self.0.unended_line()
+    }
 }
 
 impl Iterator for Reader {
@@ -58,9 +63,9 @@ impl Iterator for Reader {
     }
 }
 
-fn parse_row(fields: &Fields<'_>, columns: &Columns) -> Result<Row, (Position, ParseError)> {
+fn parse_row(fields: &mut Fields<'_>, columns: &Columns) -> Result<Row, (Position, ParseError)> {
     Ok(Row {
-        t_ns: fields.parse(columns.time, time::EXPECTED, time::parse_ns)?,
+        t_ns: fields.time_ns(columns.time)?,
         rate_rad_s: fields.numbers(columns.rate)?,
         force_m_s2: fields.numbers(columns.force)?,
         field_ut: parse_field(fields, columns)?,
@@ -68,15 +73,15 @@ fn parse_row(fields: &Fields<'_>, columns: &Columns) -> Result<Row, (Position, P
     })
 }
 
-fn parse_field(fields: &Fields<'_>, columns: &Columns) -> Result<Option<[f64; 3]>, (Position, ParseError)> {
+fn parse_field(fields: &mut Fields<'_>, columns: &Columns) -> Result<Option<[f64; 3]>, (Position, ParseError)> {
     let Some(indices) = columns.field else { return Ok(None) };
     let field = fields.numbers(indices)?;
     Ok((!field.iter().any(|part| part.is_nan())).then_some(field))
 }
 
-fn parse_reference(fields: &Fields<'_>, columns: &Columns) -> Result<Option<Reference>, (Position, ParseError)> {
+fn parse_reference(fields: &mut Fields<'_>, columns: &Columns) -> Result<Option<Reference>, (Position, ParseError)> {
     let scored = match columns.scored {
-        Some(index) => fields.parse(index, "0 or 1", parse_flag)?,
+        Some(index) => fields.flag(index)?,
         None => true,
     };
     let Some(indices) = columns.quaternion else { return Ok(None) };
@@ -92,12 +97,4 @@ pub(crate) fn normalized(quaternion: [f64; 4]) -> Option<[f64; 4]> {
     // every time the recording is written and read.
     let is_unit = (length - 1.0).abs() <= LENGTH_ROUNDING;
     is_rotation.then(|| if is_unit { quaternion } else { quaternion.map(|part| part / length) })
-}
-
-pub(crate) fn parse_flag(text: &str) -> Option<bool> {
-    match text.parse::<f64>() {
-        Ok(0.0) => Some(false),
-        Ok(1.0) => Some(true),
-        _ => None,
-    }
 }

@@ -17,9 +17,8 @@ use std::path::Path;
 use crate::{
     columns::group_indices,
     error::{ParseError, Position, RecordingError},
-    reader::{Reference, normalized, parse_flag},
+    reader::{Reference, normalized},
     table::{Fields, Table},
-    time,
 };
 
 const SCORED: &str = "mov";
@@ -118,6 +117,11 @@ impl References {
         })
     }
 
+    /// Returns the number of the last line if it has been read and has no line end.
+    pub fn unended_line(&self) -> Option<u64> {
+        self.table.unended_line()
+    }
+
     fn is_interpolated(&self, gap_ns: i64, before: &Reference, after: &Reference) -> bool {
         let is_slow_but_calm = || self.is_calm && gap_ns <= MAX_SLOW_GAP_NS && !is_large_rotation(before, after);
         gap_ns <= MAX_GAP_NS || is_slow_but_calm()
@@ -173,10 +177,10 @@ pub fn rotated([w, x, y, z]: [f64; 4], rotation_rad: [f64; 3]) -> [f64; 4] {
     product.map(|part| part / length)
 }
 
-fn parse_row(fields: &Fields<'_>, columns: &Columns) -> Result<ReferenceRow, (Position, ParseError)> {
-    let scored = columns.scored.map_or(Ok(true), |index| fields.parse(index, "0 or 1", parse_flag))?;
+fn parse_row(fields: &mut Fields<'_>, columns: &Columns) -> Result<ReferenceRow, (Position, ParseError)> {
+    let scored = columns.scored.map_or(Ok(true), |index| fields.flag(index))?;
     let quaternion = normalized(fields.numbers(columns.quaternion)?);
-    let t_ns = fields.parse(columns.time, time::EXPECTED, time::parse_ns)?;
+    let t_ns = fields.time_ns(columns.time)?;
     Ok((t_ns, quaternion.map(|quaternion| Reference { quaternion, scored })))
 }
 

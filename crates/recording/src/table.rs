@@ -1,17 +1,25 @@
 //! Reads a CSV table of numbers line by line; shared by all kinds of recordings.
+//!
+//! Lines, fields and numbers are those of every text ([`TextLines`], [`mapping::text`]). A
+//! recording is stricter: its header is the first line and has known names, fields are separated by
+//! commas, times are in seconds, and no field is blank.
 
 use std::{
+    fs::{self, File},
     io,
     path::{Path, PathBuf},
 };
 
-use csv::ByteRecord;
+use mapping::text::{Dialect, Expected, Line, Separator};
 
 use crate::{
     columns,
     error::{ParseError, Position, RecordingError},
-    input::{Lines, unquoted},
+    text_lines::{MAX_LINE_BYTES, TextLines},
+    time,
 };
+
+const COMMA: Separator = Separator::Char(b',');
 
 /// CSV file with its columns mapped to `C`. Reading ends after the first error.
 pub(crate) struct Table<C> {
@@ -19,7 +27,7 @@ pub(crate) struct Table<C> {
     lines: Lines,
     names: Vec<&'static str>,
     columns: C,
-    record: ByteRecord,
+    dialect: Dialect,
     rows: u64,
     is_finished: bool,
 }
@@ -36,18 +44,19 @@ impl<C> Table<C> {
             remedy: remedy(cause.kind()),
             cause,
         })?;
-        let mut record = ByteRecord::new();
-        let header = match lines.next(&mut record) {
-            Ok(Some(line)) => columns::parse_header(&record, line, known)
+        let header = match lines.next() {
+            Ok(Some((line, text))) => columns::parse_header(&COMMA.fields(&text), line, known)
                 .and_then(|names| Ok((columns(&names).map_err(|fault| (Position::line(line), fault))?, names))),
             Ok(None) => Err((Position::line(1), ParseError::Empty)),
             Err(malformed) => Err(malformed),
         };
+        let path = path.to_owned();
         match header {
             Ok((columns, names)) => {
-                Ok(Self { path: path.to_owned(), lines, names, columns, record, rows: 0, is_finished: false })
+                let dialect = Dialect::new(COMMA);
+                Ok(Self { path, lines, names, columns, dialect, rows: 0, is_finished: false })
             }
-            Err((position, error)) => Err(RecordingError::Malformed { path: path.to_owned(), position, error }),
+            Err((position, error)) => Err(RecordingError::Malformed { path, position, error }),
         }
     }
 
@@ -55,7 +64,7 @@ impl<C> Table<C> {
     /// an error.
     pub(crate) fn next<T>(
         &mut self,
-        row: impl FnOnce(&Fields<'_>, &C) -> Result<T, (Position, ParseError)>,
+        row: impl FnOnce(&mut Fields<'_>, &C) -> Result<T, (Position, ParseError)>,
     ) -> Option<Result<T, RecordingError>> {
         if self.is_finished {
             return None;
@@ -68,21 +77,30 @@ impl<C> Table<C> {
         row
     }
 
+    /// Returns the number of the last line if it has been read and has no line end.
+    pub(crate) fn unended_line(&self) -> Option<u64> {
+        self.lines.unended_line
+    }
+
     fn next_row<T>(
         &mut self,
-        row: impl FnOnce(&Fields<'_>, &C) -> Result<T, (Position, ParseError)>,
+        row: impl FnOnce(&mut Fields<'_>, &C) -> Result<T, (Position, ParseError)>,
     ) -> Result<Option<T>, (Position, ParseError)> {
-        let Some(line) = self.lines.next(&mut self.record)? else {
+        let Some((line, text)) = self.lines.next()? else {
             return if self.rows == 0 {
-                Err((Position::line(self.lines.line() - 1), ParseError::NoRows))
+                Err((Position::line(self.lines.inner.count() + 1), ParseError::NoRows))
             } else {
                 Ok(None)
             };
         };
         self.rows += 1;
-        let fields = Fields { record: &self.record, names: &self.names, line };
-        fields.validate()?;
-        row(&fields, &self.columns).map(Some)
+        let (found, expected) = (COMMA.row_fields(&text, self.names.len()), self.names.len());
+        let mut fields = Fields { fields: &found, names: &self.names, line, dialect: &mut self.dialect };
+        if found.len() != expected {
+            let position = fields.position(found.len().min(expected));
+            return Err((position, ParseError::RowLength { found: found.len(), expected }));
+        }
+        row(&mut fields, &self.columns).map(Some)
     }
 }
 
@@ -95,47 +113,95 @@ fn remedy(cause: io::ErrorKind) -> &'static str {
     }
 }
 
-/// Fields of one line.
-pub(crate) struct Fields<'a> {
-    record: &'a ByteRecord,
-    names: &'a [&'static str],
-    line: u64,
+/// Lines with names or values.
+struct Lines {
+    inner: TextLines<File>,
+    unended_line: Option<u64>,
 }
 
-impl Fields<'_> {
-    /// Checks that the line has as many fields as the header and is valid UTF-8.
-    fn validate(&self) -> Result<(), (Position, ParseError)> {
-        let (found, expected) = (self.record.len(), self.names.len());
-        if found != expected {
-            return Err((self.position(found.min(expected)), ParseError::RowLength { found, expected }));
+impl Lines {
+    fn open(path: &Path) -> io::Result<Self> {
+        // The file type is checked before opening, because opening a pipe blocks until it has a
+        // writer.
+        let file_type = fs::metadata(path)?.file_type();
+        if !file_type.is_file() && !file_type.is_dir() {
+            return Err(io::Error::new(io::ErrorKind::NotSeekable, "not a regular file (recordings are read twice)"));
         }
-        if !self.record.as_slice().is_ascii() {
-            (0..found).try_for_each(|index| self.text(index).map(drop))?;
-        }
-        Ok(())
+        Ok(Self { inner: TextLines::new(File::open(path)?)?, unended_line: None })
     }
 
-    pub(crate) fn numbers<const N: usize>(&self, indices: [usize; N]) -> Result<[f64; N], (Position, ParseError)> {
+    /// Reads the next line that is neither blank nor a comment. Returns its number and text, or
+    /// `None` at the end.
+    fn next(&mut self) -> Result<Option<(u64, String)>, (Position, ParseError)> {
+        loop {
+            let next_line = Position::line(self.inner.count() + 1);
+            let line = match self.inner.next() {
+                Ok(Some(line)) => line,
+                Ok(None) => return Ok(None),
+                Err(cause) if cause.kind() == io::ErrorKind::UnexpectedEof => {
+                    return Err((next_line, ParseError::Truncated));
+                }
+                Err(cause) => return Err((next_line, ParseError::Unreadable(cause))),
+            };
+            if line.is_too_long {
+                let cause = io::Error::other(format!("longer than {MAX_LINE_BYTES} bytes"));
+                return Err((next_line, ParseError::Unreadable(cause)));
+            }
+            match Line::parse(line.bytes) {
+                Some(Line::Blank | Line::Comment(_)) => {}
+                Some(Line::Content(text)) => {
+                    self.unended_line = Some(line.number).filter(|_| !line.has_end);
+                    return Ok(Some((line.number, text.to_owned())));
+                }
+                None => return Err((next_line, ParseError::invalid_value(line.bytes.trim_ascii(), "UTF-8 text"))),
+            }
+        }
+    }
+}
+
+/// Fields of one line.
+pub(crate) struct Fields<'a> {
+    fields: &'a [&'a str],
+    names: &'a [&'static str],
+    line: u64,
+    dialect: &'a mut Dialect,
+}
+
+impl<'a> Fields<'a> {
+    pub(crate) fn numbers<const N: usize>(&mut self, indices: [usize; N]) -> Result<[f64; N], (Position, ParseError)> {
         let mut values = [0.0; N];
         for (value, index) in values.iter_mut().zip(indices) {
-            *value = self.parse(index, "a number", |text| text.parse().ok())?;
+            *value = self.number(index)?;
         }
         Ok(values)
     }
 
-    pub(crate) fn parse<T>(
-        &self,
-        index: usize,
-        expected: &'static str,
-        parse: impl Fn(&str) -> Option<T>,
-    ) -> Result<T, (Position, ParseError)> {
-        let text = self.text(index)?;
-        parse(text).ok_or_else(|| (self.position(index), ParseError::invalid_value(text.as_bytes(), expected)))
+    /// Returns the value of a column that holds 0 or 1.
+    pub(crate) fn flag(&mut self, index: usize) -> Result<bool, (Position, ParseError)> {
+        match self.number(index)? {
+            0.0 => Ok(false),
+            1.0 => Ok(true),
+            _ => Err(self.invalid(index, "0 or 1")),
+        }
     }
 
-    fn text(&self, index: usize) -> Result<&str, (Position, ParseError)> {
-        let field = unquoted(&self.record[index]);
-        str::from_utf8(field).map_err(|_| (self.position(index), ParseError::invalid_value(field, "UTF-8 text")))
+    /// Returns the time in a column, ns.
+    pub(crate) fn time_ns(&self, index: usize) -> Result<i64, (Position, ParseError)> {
+        mapping::text::time_ns(self.text(index), time::DIGITS).ok_or_else(|| self.invalid(index, time::EXPECTED))
+    }
+
+    fn number(&mut self, index: usize) -> Result<f64, (Position, ParseError)> {
+        let text = self.text(index);
+        let number = if text.is_empty() { Err(Expected::Number) } else { self.dialect.number(text) };
+        number.map_err(|expected| self.invalid(index, expected.description()))
+    }
+
+    fn text(&self, index: usize) -> &'a str {
+        self.fields.get(index).copied().unwrap_or_default()
+    }
+
+    fn invalid(&self, index: usize, expected: &'static str) -> (Position, ParseError) {
+        (self.position(index), ParseError::invalid_value(self.text(index).as_bytes(), expected))
     }
 
     fn position(&self, index: usize) -> Position {

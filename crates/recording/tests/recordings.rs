@@ -28,6 +28,10 @@ fn gzip(contents: &[u8]) -> Vec<u8> {
     encoder.finish().unwrap()
 }
 
+fn zstd(text: &str) -> Vec<u8> {
+    zstd::encode_all(text.as_bytes(), 0).unwrap()
+}
+
 fn rows(contents: &[u8]) -> Vec<Row> {
     let (_folder, path) = file("flight.csv", contents);
     Reader::open(&path).unwrap().map(Result::unwrap).collect()
@@ -91,6 +95,18 @@ fn reader_accepts_blanks_quotes_crlf_bom_and_column_order() {
         reference: None,
     };
     assert_eq!(rows(input), [row, Row { t_ns: 1_500_000_000, ..row }]);
+}
+
+#[test]
+fn comments_are_skipped_and_unended_line_is_found() {
+    let text = format!("# walk\n{HEADER}% rest\n0,0,0,0,0,0,9.8\n1,0,0,0,0,0,9.80\n");
+    for (length, unended_line) in [(text.len(), None), (text.len() - 1, Some(5)), (text.len() - 2, Some(5))] {
+        for contents in [text.as_bytes()[..length].to_vec(), gzip(&text.as_bytes()[..length]), zstd(&text[..length])] {
+            let (_folder, path) = file("flight.csv", &contents);
+            let mut reader = Reader::open(&path).unwrap();
+            assert_eq!((reader.by_ref().map(Result::unwrap).count(), reader.unended_line()), (2, unended_line));
+        }
+    }
 }
 
 #[test]
@@ -227,11 +243,11 @@ fn truncated_or_corrupt_gzip_is_rejected() {
     let complete = gzip(PLAIN.as_bytes());
     for length in 2..complete.len() {
         let message = error(&complete[..length]);
-        assert!(message.contains("found the end of the file inside the gzip stream"), "{length}: {message}");
+        assert!(message.contains("found the end of the file inside the compressed data"), "{length}: {message}");
     }
     assert_eq!(
         malformed(&complete[..complete.len() - 1]),
-        "line 5: found the end of the file inside the gzip stream, expected the rest of it; copy the file again"
+        "line 5: found the end of the file inside the compressed data, expected the rest of it; copy the file again"
     );
     let mut damaged = complete;
     let checksum = damaged.len() - 8;
@@ -243,16 +259,16 @@ fn truncated_or_corrupt_gzip_is_rejected() {
 }
 
 #[test]
-fn invalid_utf8_is_rejected_in_every_column() {
+fn invalid_utf8_is_rejected_with_its_line() {
     for (contents, message) in [
-        (&b"t_s,g\xff\n"[..], "line 1, column 2: found \"g\u{fffd}\", expected UTF-8 text"),
+        (&b"t_s,g\xff\n"[..], "line 1: found \"t_s,g\u{fffd}\", expected UTF-8 text"),
         (
             b"t_s,gx,gy,gz,ax,ay,az\n0,0,0,0,9.\xff8,0,0\n",
-            "line 2, column 5 (ax): found \"9.\u{fffd}8\", expected UTF-8 text",
+            "line 2: found \"0,0,0,0,9.\u{fffd}8,0,0\", expected UTF-8 text",
         ),
         (
             b"t_s,gx,gy,gz,ax,ay,az,mov\n0,0,0,0,0,0,0,\xc3\n",
-            "line 2, column 8 (mov): found \"\u{fffd}\", expected UTF-8 text",
+            "line 2: found \"0,0,0,0,0,0,0,\u{fffd}\", expected UTF-8 text",
         ),
     ] {
         assert_eq!(malformed(contents), message);

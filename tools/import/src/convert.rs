@@ -82,24 +82,44 @@ pub fn convert(
     import(&mut *open_source(format, paths, options)?, &paths[0], options.segment, out, progress)
 }
 
-/// Returns the times of the first and the last row of a recording, ns.
-///
-/// The result is `None` if the recording must be imported to be read. This is the case if a row is
-/// invalid, or if the clock wraps or starts again.
-pub fn plain_recording_range_ns(path: &Path) -> Option<[i64; 2]> {
-    let mut finder = SegmentFinder::default();
-    for row in recording::Reader::open(path).ok()? {
-        finder.push(row.ok()?.t_ns);
-    }
-    match finder.segments() {
-        [segment] if finder.wraps == 0 => Some([segment.first_ns, segment.last_ns]),
-        _ => None,
+/// Recording that can be read without an import.
+#[derive(Debug, Clone, PartialEq)]
+pub struct PlainRecording {
+    /// Times of the first and the last row, ns.
+    pub range_ns: [i64; 2],
+    /// Note on a last row that may be incomplete.
+    pub note: Option<Note>,
+}
+
+impl PlainRecording {
+    /// Reads a recording. Returns `None` if it needs an import, because a row is invalid, or its
+    /// clock wraps or starts again.
+    pub fn read(path: &Path) -> Option<Self> {
+        let mut finder = SegmentFinder::default();
+        let mut rows = recording::Reader::open(path).ok()?;
+        for row in &mut rows {
+            finder.push(row.ok()?.t_ns);
+        }
+        match finder.segments() {
+            [segment] if finder.wraps == 0 => Some(Self {
+                range_ns: [segment.first_ns, segment.last_ns],
+                note: rows.unended_line().map(|line| Note::UnendedRow { line }),
+            }),
+            _ => None,
+        }
     }
 }
 
-/// Returns a note if no fix of the file is within the time range of the rows.
-pub fn note_fixes_outside(fixes: &Path, rows_ns: [i64; 2]) -> Result<Option<Note>, ImportError> {
-    Ok(outside("fixes", gnss::range_ns(fixes)?, rows_ns))
+/// Returns notes if the last fix of the file may be incomplete, and if no fix is within the times
+/// of the rows.
+///
+/// # Errors
+///
+/// Returns an error if the fixes cannot be read.
+pub fn fixes_notes(fixes: &Path, rows_ns: [i64; 2]) -> Result<Vec<Note>, ImportError> {
+    let survey = gnss::survey(fixes)?;
+    let unended = survey.unended_line.map(|line| Note::UnendedRow { line });
+    Ok(unended.into_iter().chain(outside("fixes", survey.range_ns, rows_ns)).collect())
 }
 
 fn outside(what: &'static str, series_ns: [i64; 2], rows_ns: [i64; 2]) -> Option<Note> {

@@ -1,8 +1,8 @@
 //! Reads a single file of text with numbers, in any dialect.
 //!
-//! Input: text, plain or gzip. The line before the first row contains the column names and may be a
-//! comment. Without names, the columns are those of a live stream. The rules for comments,
-//! separators, numbers and times are those of live streams ([`mapping::text`]).
+//! Input: text, plain or compressed ([`recording::TextLines`]). The column names are in the line before the first row, which may be
+//! a comment; if there are no names, the columns are those of a live stream. The rules for
+//! comments, separators, numbers and times are those of live streams ([`mapping::text`]).
 //!
 //! Output: records.
 //!
@@ -12,7 +12,7 @@
 use std::{
     cell::Cell,
     fs::File,
-    io::{self, BufRead, BufReader, Read},
+    io::{self, Read},
     path::{Path, PathBuf},
     rc::Rc,
 };
@@ -22,21 +22,13 @@ use mapping::{
     names_with_units,
     text::{Dialect, Expected, Line, Separator, Time, is_row, unnamed_columns},
 };
-use recording::GzipReader;
+use recording::{MAX_LINE_BYTES, TextLine, TextLines};
 
 use crate::{
     ImportError, Note,
     error::{TextPosition, excerpt, open_error},
 };
 
-const GZIP_MAGIC: &[u8] = b"\x1f\x8b";
-const BUFFER_BYTES: usize = 1 << 16;
-const MAX_LINE_BYTES: usize = 1 << 16;
-/// Expected range of a time, for error messages.
-const TIME_EXPECTED: &str = "less than 9e9 s; set another unit with --units";
-/// Expected text of a time, for error messages.
-const TIME_TEXT_EXPECTED: &str =
-    "a number, a time of day such as 13:05:00.02 or a date such as 2026-05-01T13:05:00.02Z";
 /// Maximum number of lines before the first row.
 const MAX_HEADER_LINES: usize = 256;
 
@@ -239,14 +231,14 @@ impl CsvRecord<'_> {
     pub(crate) fn time(&self, index: usize, digits: usize) -> Result<Time, ImportError> {
         let time = |dialect: &mut Dialect, field: &str| dialect.time(field, digits)?.ok_or(Expected::TimeText);
         self.parse(&self.fields(), index, time).map_err(|error| match error {
-            ImportError::Malformed { path, position, found, expected } if expected == TIME_EXPECTED => {
+            ImportError::Malformed { path, position, found, expected } if expected == Expected::Time.description() => {
                 let unit = match digits {
                     9 => "s",
                     6 => "ms",
                     3 => "us",
                     _ => "ns",
                 };
-                let expected = format!("a time in {unit}, {TIME_EXPECTED}");
+                let expected = format!("a time in {unit}, {expected}");
                 ImportError::Malformed { path, position, found, expected }
             }
             error => error,
@@ -268,14 +260,7 @@ impl CsvRecord<'_> {
         let value = parse(&mut dialect, field).map_err(|expected| {
             let name = self.reader.names.get(index).cloned();
             let position = TextPosition { line: self.line, column: Some(index + 1), name };
-            let expected = match expected {
-                Expected::Number => "a number",
-                Expected::Mark { is_comma: false } => "a number with a decimal point, as before",
-                Expected::Mark { is_comma: true } => "a number with a decimal comma, as before",
-                Expected::Time => TIME_EXPECTED,
-                Expected::TimeText => TIME_TEXT_EXPECTED,
-            };
-            malformed(&self.reader.path, position, excerpt(field.as_bytes()), expected)
+            malformed(&self.reader.path, position, excerpt(field.as_bytes()), expected.description())
         })?;
         self.reader.dialect.set(dialect);
         Ok(value)
@@ -291,13 +276,9 @@ enum OwnedLine {
 /// Lines of a file, without blank ones.
 struct Lines {
     path: PathBuf,
-    inner: Box<dyn BufRead>,
-    /// Byte that ends a line: a newline, or a carriage return if the start of the file has carriage
-    /// returns and no newline.
-    end: u8,
+    inner: TextLines<CountingReader>,
     /// `true` until the first row. Column names may then be in Latin-1, for a unit such as °/s.
     is_before_rows: bool,
-    line: u64,
     /// Description of the damage at which reading ended.
     damage: Option<ForeignText>,
     /// Number of the last line, if it is a row without a line end.
@@ -306,83 +287,53 @@ struct Lines {
 
 impl Lines {
     fn open(path: &Path, read_bytes: &Rc<Cell<u64>>) -> Result<Self, ImportError> {
-        let failed = |cause| open_error(path, cause);
-        let file = CountingReader::new(File::open(path).map_err(failed)?, read_bytes);
-        let mut file = BufReader::with_capacity(BUFFER_BYTES, file);
-        let mut inner: Box<dyn BufRead> = if file.fill_buf().map_err(failed)?.starts_with(GZIP_MAGIC) {
-            Box::new(BufReader::with_capacity(BUFFER_BYTES, GzipReader::new(file)))
-        } else {
-            Box::new(file)
-        };
-        // Damage in a compressed file is ignored here and reported later, with the line number.
-        let start = inner.fill_buf().unwrap_or_default();
-        let end = if start.contains(&b'\r') && !start.contains(&b'\n') { b'\r' } else { b'\n' };
-        Ok(Self { path: path.to_owned(), inner, end, is_before_rows: true, line: 0, damage: None, unended_row: None })
+        let file = File::open(path).and_then(|file| TextLines::new(CountingReader::new(file, read_bytes)));
+        let inner = file.map_err(|cause| open_error(path, cause))?;
+        Ok(Self { path: path.to_owned(), inner, is_before_rows: true, damage: None, unended_row: None })
     }
 
     /// Returns the next line, or `None` at the end of the file or at damage in a compressed file.
     /// After an error, the next call continues with the next line.
     fn next(&mut self) -> Result<Option<(u64, OwnedLine)>, ImportError> {
-        let mut text = Vec::new();
         while self.damage.is_none() {
-            text.clear();
-            self.line += 1;
-            let (length, has_end) = match self.read_line(&mut text) {
-                Ok((0, _)) => return Ok(None),
-                Ok(read) => read,
+            let next_number = self.inner.count() + 1;
+            let TextLine { number, bytes, is_too_long, has_end } = match self.inner.next() {
+                Ok(Some(line)) => line,
+                Ok(None) => return Ok(None),
                 Err(cause) => {
                     let found = match cause.kind() {
-                        io::ErrorKind::UnexpectedEof => "the end of the file inside the gzip stream".into(),
+                        io::ErrorKind::UnexpectedEof => "the end of the file inside the compressed data".into(),
                         _ => cause.to_string(),
                     };
-                    self.damage = Some(format!("line {}: {found}", self.line).into());
-                    // The text before the damage is an incomplete line and is discarded.
+                    self.damage = Some(format!("line {next_number}: {found}").into());
+                    // The part of the line before the damage has no end.
                     return Ok(None);
                 }
             };
-            let position = TextPosition { line: self.line, column: None, name: None };
-            if length > MAX_LINE_BYTES {
+            let position = TextPosition { line: number, column: None, name: None };
+            if is_too_long {
                 let found = format!("a line of more than {MAX_LINE_BYTES} bytes");
                 return Err(malformed(&self.path, position, found, "a readable line"));
             }
             // A first line `sep=…` specifies the separator for Excel. It is skipped, because the
             // separator is detected from the content.
-            if self.line == 1 && text.trim_ascii().starts_with(b"sep=") {
+            if number == 1 && bytes.trim_ascii().starts_with(b"sep=") {
                 continue;
             }
             let is_names = |text: &String| Line::parse(text.as_bytes()).is_some() && !is_row(text);
-            let latin_1 = || Some(text.iter().map(|byte| char::from(*byte)).collect::<String>()).filter(is_names);
-            let names = if self.is_before_rows && str::from_utf8(&text).is_err() { latin_1() } else { None };
-            match Line::parse(names.as_ref().map_or(&text, |names| names.as_bytes())) {
+            let latin_1 = || Some(bytes.iter().map(|byte| char::from(*byte)).collect::<String>()).filter(is_names);
+            let names = if self.is_before_rows && str::from_utf8(bytes).is_err() { latin_1() } else { None };
+            match Line::parse(names.as_ref().map_or(bytes, |names| names.as_bytes())) {
                 Some(Line::Blank) => {}
-                Some(Line::Comment(comment)) => return Ok(Some((self.line, OwnedLine::Comment(comment.to_owned())))),
+                Some(Line::Comment(comment)) => return Ok(Some((number, OwnedLine::Comment(comment.to_owned())))),
                 Some(Line::Content(line)) => {
-                    self.unended_row = Some(self.line).filter(|_| !has_end);
-                    return Ok(Some((self.line, OwnedLine::Content(line.to_owned()))));
+                    self.unended_row = Some(number).filter(|_| !has_end);
+                    return Ok(Some((number, OwnedLine::Content(line.to_owned()))));
                 }
-                None => return Err(malformed(&self.path, position, excerpt(&text), "UTF-8 text")),
+                None => return Err(malformed(&self.path, position, excerpt(bytes), "UTF-8 text")),
             }
         }
         Ok(None)
-    }
-
-    /// Reads a line. Returns its length, and `true` if the line has an end. Bytes after the first
-    /// [`MAX_LINE_BYTES`] are discarded.
-    fn read_line(&mut self, text: &mut Vec<u8>) -> io::Result<(usize, bool)> {
-        let mut length = 0;
-        loop {
-            let buffer = self.inner.fill_buf()?;
-            let end = buffer.iter().position(|byte| *byte == self.end).map(|end| end + 1);
-            let part = &buffer[..end.unwrap_or(buffer.len())];
-            let room = MAX_LINE_BYTES.saturating_sub(text.len()).min(part.len());
-            text.extend_from_slice(&part[..room]);
-            let count = part.len();
-            length += count;
-            self.inner.consume(count);
-            if end.is_some() || count == 0 {
-                return Ok((length, end.is_some()));
-            }
-        }
     }
 }
 

@@ -587,9 +587,9 @@ fn file_name(path: &Path) -> String {
     path.file_name().unwrap_or_default().to_string_lossy().into_owned()
 }
 
-/// Returns the file name with `.gz` and the extension removed.
+/// Returns the file name with `.gz` or `.zst`, and the extension, removed.
 fn stem(path: &Path) -> String {
     let name = file_name(path);
-    let name = name.strip_suffix(".gz").unwrap_or(&name);
+    let name = [".gz", ".zst"].iter().find_map(|end| name.strip_suffix(end)).unwrap_or(&name);
     name.rsplit_once('.').map_or(name, |(stem, _)| stem).to_owned()
 }

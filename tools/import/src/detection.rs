@@ -6,22 +6,20 @@ use std::{
     path::Path,
 };
 
-use flate2::read::MultiGzDecoder;
-use recording::Reader;
+use recording::{Reader, Unpacked};
 
 use crate::{
     error::{ImportError, open_error},
     format::Format,
 };
 
-/// Number of bytes inspected at the start of a file. In a gzip file, the same number of bytes is
-/// also inspected after decompression.
+/// Number of bytes inspected at the start of a file. In a gzip or zstd file, the same number of bytes
+/// is also inspected after decompression.
 const PREFIX_BYTES: u64 = 4096;
 
-const GZIP_MAGIC: &[u8] = b"\x1f\x8b";
-/// First bytes of a DataFlash log. The log starts with the FMT message that describes FMT messages.
+/// First bytes of a DataFlash log, which starts with the FMT message that describes FMT messages.
 const ARDUPILOT_MAGIC: &[u8] = &[0xa3, 0x95, 0x80];
-const MAGIC_NUMBERS: [(&[u8], Format); 19] = [
+const MAGIC_NUMBERS: [(&[u8], Format); 20] = [
     (b"ULog\x01\x12\x35", Format::Ulog),
     (b"\x89MCAP0\r\n", Format::Mcap),
     (ARDUPILOT_MAGIC, Format::ArduPilot),
@@ -35,6 +33,7 @@ const MAGIC_NUMBERS: [(&[u8], Format); 19] = [
     (b"PK\x03\x04", Format::Zip),
     (b"7z\xbc\xaf\x27\x1c", Format::SevenZip),
     (b"Rar!\x1a\x07", Format::Rar),
+    (b"\x1f\x8b", Format::Gzip),
     (b"\x28\xb5\x2f\xfd", Format::Zstd),
     (b"\xfd7zXZ\0", Format::Xz),
     (b"BZh", Format::Bzip2),
@@ -99,16 +98,11 @@ impl Format {
         if let (true, Err(error)) = (start.is_empty(), Reader::open(path)) {
             return Err(error.into());
         }
-        let found = if start.starts_with(GZIP_MAGIC) {
-            let rest = io::Cursor::new(start).chain(file);
-            // Only the prefix is decompressed here. Damage after the prefix is reported by the
-            // reader.
-            match self::read_prefix(&mut MultiGzDecoder::new(rest)) {
-                Ok(start) if is_text(&start) => Some(Self::Csv),
-                _ => Some(Self::Gzip),
-            }
-        } else {
-            detect_by_start(&start)
+        // Only the prefix is decompressed here. Damage after the prefix is reported by the reader.
+        let mut unpack = || read_prefix(&mut Unpacked::new(start.chain(&mut file))?);
+        let found = match detect_by_start(&start) {
+            Some(Self::Gzip | Self::Zstd) if unpack().is_ok_and(|text| is_text(&text)) => Some(Self::Csv),
+            found => found,
         };
         match found {
             Some(Self::Csv) if Reader::open(path).is_ok() => Ok(Self::Recording),

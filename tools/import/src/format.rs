@@ -6,9 +6,9 @@ use std::fmt;
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 #[non_exhaustive]
 pub enum Format {
-    /// Plumbline recording, plain or gzip.
+    /// Plumbline recording, plain or compressed.
     Recording,
-    /// Other CSV text, plain or gzip.
+    /// Other CSV text, plain or compressed.
     Csv,
     /// PX4 log.
     Ulog,
@@ -64,7 +64,7 @@ pub enum Format {
     Rar,
     /// gzip file that does not contain text.
     Gzip,
-    /// zstd file.
+    /// zstd file that does not contain text.
     Zstd,
     /// xz file.
     Xz,
@@ -167,7 +167,7 @@ const TABLE: [(Format, &str, Option<&str>); 33] = [
     (Format::SevenZip, "7z archive", Some("unpack it with `7z x FILE` and name the file in it")),
     (Format::Rar, "RAR archive", Some("unpack it with `unrar x FILE` and name the file in it")),
     (Format::Gzip, "gzip file without text", Some("unpack it with `gunzip FILE` and name the file in it")),
-    (Format::Zstd, "zstd file", Some("unpack it with `zstd -d FILE` and name the file in it")),
+    (Format::Zstd, "zstd file without text", Some("unpack it with `zstd -d FILE` and name the file in it")),
     (Format::Xz, "xz file", Some("unpack it with `unxz FILE` and name the file in it")),
     (Format::Bzip2, "bzip2 file", Some("unpack it with `bunzip2 FILE` and name the file in it")),
     (Format::Lz4, "LZ4 file", Some("unpack it with `unlz4 FILE` and name the file in it")),

@@ -54,7 +54,7 @@ mod timeline;
 mod tlog;
 mod ulog;
 
-pub use convert::{Progress, convert, note_fixes_outside, plain_recording_range_ns};
+pub use convert::{PlainRecording, Progress, convert, fixes_notes};
 pub use error::ImportError;
 pub use format::Format;
 pub use mapping::{Mapping, MappingError};

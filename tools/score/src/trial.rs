@@ -105,7 +105,7 @@ impl Trial {
             Gnss::File(fixes) => Some(fixes.clone()),
             Gnss::Auto => gnss::find_for(file),
         };
-        fixes.as_deref().map_or(Ok(()), gnss::validate)?;
+        fixes.as_deref().map(gnss::survey).transpose()?;
         options.reference.as_deref().map_or(Ok(()), validate_references)?;
         Ok(Self {
             name: trial_name(file).into(),

@@ -64,7 +64,7 @@ fn format_detected_by_content_under_any_name() {
         (b"PAR1\x15\x04".into(), Format::Parquet, "Parquet file; convert it with `python3"),
         ([&[b'a'; 257][..], b"ustar\0"].concat(), Format::Tar, "tar archive; unpack it with `tar xf"),
         (b"7z\xbc\xaf\x27\x1c\0\x04".into(), Format::SevenZip, "7z archive; unpack it with `7z x"),
-        (b"\x28\xb5\x2f\xfd\x24".into(), Format::Zstd, "zstd file; unpack it with `zstd -d"),
+        (b"\x28\xb5\x2f\xfd\x24".into(), Format::Zstd, "zstd file without text; unpack it with `zstd -d"),
     ] {
         for name in ["a.csv", "a.ulg", "a"] {
             let path = folder.file(name, &contents);
