@@ -172,6 +172,55 @@ fn doctor_reports_input_mistakes_with_remedies() {
     running.interrupt();
     let run = running.wait();
     assert_eq!(warnings(&run).len(), 2, "{}", run.stderr);
+
+    let remedies: Vec<_> = messages.iter().map(|check| remedy(check["remedy"].as_str().unwrap()).unwrap()).collect();
+    let corrected = System::new(&remedies.join("\n"));
+    let running = corrected.start(&["--replay", &file]);
+    corrected.wait_until_running();
+    let messages = doctor_input_checks(&corrected, "8");
+    assert!(messages.len() == 1 && messages[0]["result"] == "ok", "{remedies:?}: {messages:?}");
+    running.interrupt();
+    assert_eq!(warnings(&running.wait()), Vec::<String>::new());
+}
+
+#[test]
+fn doctor_remedy_for_force_in_g_at_rest_works() {
+    let noise = |row: u32| 1e-4 * f64::from(row % 7);
+    let rows: String = (0..20_000u32)
+        .map(|row| {
+            format!(
+                "{}.{:02},{noise},{noise},0,0,{noise},{}\n",
+                row / 100,
+                row % 100,
+                1.0 + noise(row),
+                noise = noise(row)
+            )
+        })
+        .collect();
+    let gravity_check = |launch: &str| {
+        let system = System::new(launch);
+        let file = system.path("rest.csv");
+        fs::write(&file, format!("t_s,gx,gy,gz,ax,ay,az\n{rows}")).unwrap();
+        let running = system.start(&["--replay", file.to_str().unwrap()]);
+        system.wait_until_running();
+        let mut check = Value::Null;
+        wait_for("a body at rest", || {
+            let output = plumb(&["doctor", "--json", "--for", "2", "--system", &system.name]).output().unwrap();
+            let doctor: Value = serde_json::from_slice(&output.stdout).unwrap();
+            let checks = doctor["checks"].as_array().unwrap();
+            check = checks.iter().find(|check| check["check"] == "gravity").cloned().unwrap_or_default();
+            check["found"].as_str().is_some_and(|found| found.starts_with("mean |f|"))
+        });
+        running.interrupt();
+        running.wait().assert_complete();
+        check
+    };
+    let check = gravity_check("");
+    assert_eq!(check["result"], "problem", "{check}");
+    let (_, remedy) = check["remedy"].as_str().unwrap().split_once(": set ").unwrap();
+    let (setting, section) = remedy.split_once(" in ").unwrap();
+    let check = gravity_check(&format!("{section}\n{setting}\n"));
+    assert_eq!(check["result"], "ok", "{check}");
 }
 
 #[test]
