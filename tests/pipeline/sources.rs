@@ -357,6 +357,105 @@ fn tcp_lines_are_mapped_with_names_units_and_axes() {
     assert_eq!(run.number("/lost"), 0.0);
 }
 
+/// Returns the variants of text that files may have: a name, the lines before the rows, and the row
+/// with a number, of a level body that rotates at 0.1 rad/s. The time of a row is 5 ms times its
+/// number.
+fn text_variants() -> [(&'static str, Vec<&'static str>, fn(u64) -> String); 7] {
+    fn seconds(n: u64) -> String {
+        format!("{}.{:03}", n / 200, n % 200 * 5)
+    }
+    [
+        ("plain", vec!["t_s,gx,gy,gz,ax,ay,az"], |n| format!("{},0,0,0.1,0,0,9.8", seconds(n))),
+        ("names in a comment", vec!["# ax ay az gx gy gz t"], |n| format!("0 0 9.8  0 0 0.1 {}", seconds(n))),
+        ("names behind a per cent sign", vec!["% t\tgx\tgy\tgz\tax\tay\taz\tid"], |n| {
+            format!("{}\t0\t0\t0.1\t0\t0\t9.8\tx", seconds(n))
+        }),
+        ("decimal commas", vec!["// walk", "t;gx;gy;gz;ax;ay;az"], |n| {
+            format!("{};0;0;0,1;0;0;9,8", seconds(n).replace('.', ","))
+        }),
+        (
+            "units in the names",
+            vec!["ms (ms),x", "t (ms)|gx (mdeg/s)|gy (mdeg/s)|gz (mdeg/s)|ax (mg)|ay (mg)|az (mg)"],
+            |n| format!("{}|0|0|5729.578|0|0|1000|", 5 * n),
+        ),
+        ("a line of units", vec!["t,gx,gy,gz,ax,ay,az", "us,deg/s,deg/s,deg/s,g,g,g"], |n| {
+            format!("{},\"0\",0,5.729578,0,0,1", 5000 * n)
+        }),
+        ("times of day", vec!["time,gx,gy,gz,ax,ay,az"], |n| {
+            let (minutes, seconds) = (n / 200 / 60, n / 200 % 60);
+            format!("10:{minutes:02}:{seconds:02}.{:03},0,0,0.1,0,0,9.8", n % 200 * 5)
+        }),
+    ]
+}
+
+#[test]
+fn live_sources_read_the_text_variants_of_files() {
+    // All variants are read from files by the same rules.
+    for (name, header, row) in text_variants() {
+        let folder = tempfile::tempdir().unwrap();
+        let file = folder.path().join("a.csv");
+        fs::write(&file, header.join("\n") + "\n" + &(0..100).map(|n| row(n) + "\n").collect::<String>()).unwrap();
+        let output = plumb(&["info"]).arg(&file).output().unwrap();
+        let text = String::from_utf8_lossy(&output.stdout).into_owned();
+        assert!(text.contains("100 samples at 200.0 Hz"), "{name}: {text}{}", String::from_utf8_lossy(&output.stderr));
+    }
+    thread::scope(|scope| {
+        for kind in ["tcp", "udp", "serial"] {
+            scope.spawn(move || assert_reads_text_variants(kind));
+        }
+    });
+}
+
+/// Sends all variants of text to one system, and asserts that every row becomes a tick.
+fn assert_reads_text_variants(kind: &str) {
+    let system = System::new("");
+    let out = system.path("out.csv");
+    let listener = TcpListener::bind("127.0.0.1:0").unwrap();
+    let socket = UdpSocket::bind("127.0.0.1:0").unwrap();
+    let (udp, port) = (free_udp_port(), system.path("imu"));
+    let mut device = open_serial_device(&port);
+    let endpoint = match kind {
+        "tcp" => listener.local_addr().unwrap().to_string(),
+        "udp" => format!("127.0.0.1:{udp}"),
+        _ => port.display().to_string(),
+    };
+    let line = format!("{kind}:{endpoint}?rate_hz=200");
+    let running = system.start(&["--source", &line, "--out", out.to_str().unwrap()]);
+    let mut stream = (kind == "tcp").then(|| listener.accept().unwrap().0);
+    let mut send = |line: &str| match (&mut stream, kind) {
+        (Some(stream), _) => writeln!(stream, "{line}").unwrap(),
+        (None, "udp") => _ = socket.send_to(line.as_bytes(), ("127.0.0.1", udp)),
+        (None, _) => writeln!(device, "{line}").unwrap(),
+    };
+    let mut n = 0;
+    let mut send_rows = |row: fn(u64) -> String, header: &[&str], count: u64| {
+        header.iter().for_each(|line| send(line));
+        for _ in 0..count {
+            send(&row(n));
+            n += 1;
+            thread::sleep(Duration::from_millis(5));
+        }
+    };
+    let variants = text_variants();
+    // Lines that arrive before the port is open are lost.
+    wait_for("the first ticks", || {
+        send_rows(variants[0].2, &[], 10);
+        ticks(&system, "course") > 0
+    });
+    for (name, header, row) in variants {
+        let before = ticks(&system, "ingest");
+        send_rows(row, &header, 80);
+        wait_for(&format!("{name} over {kind}"), || ticks(&system, "ingest") >= before + 80);
+    }
+    assert_eq!(source_findings(&system), Vec::<String>::new(), "{kind}");
+    let run = stop_and_assert_level(running, &out);
+    assert_eq!(run.number("/lost"), 0.0, "{kind}");
+    let attitudes = attitudes(&out);
+    let [(first_s, first), (last_s, last)] = [attitudes[20], attitudes[attitudes.len() - 1]];
+    let rate_rad_s = yaw_change_deg(first, last).to_radians() / (last_s - first_s);
+    assert!((rate_rad_s - 0.1).abs() < 0.02, "{kind}: yaw rate {rate_rad_s} rad/s");
+}
+
 #[test]
 fn stdin_in_one_process_or_as_protobuf_equals_csv() {
     let vector = |[x, y, z]: [f64; 3]| Some(v1::Vector3 { x, y, z });
@@ -547,6 +646,36 @@ fn unreachable_host_is_reported_and_retried() {
     wait_for("no findings", || source_findings(&system).is_empty());
     stop_and_assert_level(running, &out);
     drop(task);
+}
+
+#[test]
+fn doctor_remedy_for_a_wrong_declared_rate_works() {
+    let port = free_udp_port();
+    let _sender = BackgroundTask::start_on_thread(Duration::from_millis(10), move || {
+        let socket = UdpSocket::bind("127.0.0.1:0").unwrap();
+        move |n| {
+            let _ = socket.send_to(format!("{},0,0,0.1,0,0,9.8", n as f64 / 100.0).as_bytes(), ("127.0.0.1", port));
+            true
+        }
+    });
+    let mut rate_hz = "500".to_owned();
+    for is_wrong in [true, false] {
+        let system = System::new("");
+        let running = system.start(&["--source", &format!("udp:127.0.0.1:{port}?rate_hz={rate_hz}")]);
+        wait_for_ticks(&system, 50);
+        if is_wrong {
+            wait_for_finding(&system, "set rate_hz = ");
+            let found = source_findings(&system).concat();
+            let (_, rest) = found.split_once("set rate_hz = ").unwrap();
+            rate_hz = rest.chars().take_while(char::is_ascii_digit).collect();
+        } else {
+            // A wrong rate is reported after 3 s.
+            wait_for_ticks(&system, 500);
+            assert_eq!(source_findings(&system), Vec::<String>::new(), "rate_hz = {rate_hz}");
+        }
+        running.interrupt();
+        assert_eq!(running.wait().code, Some(0));
+    }
 }
 
 #[test]
