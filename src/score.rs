@@ -50,7 +50,8 @@ Files of several fusers are written to DIR/FUSER/. Missing values are nan.
 
 Errors are those of BROAD: e = q_est q_ref*, total 2 acos |e_w|, heading 2 atan
 |e_z/e_w|, inclination 2 acos sqrt(e_w^2 + e_z^2); RMSE over samples with mov =
-1 and a reference, then the mean over trials. No heading offset is removed.
+1 and a reference, then the mean over trials. No heading offset is removed, but
+--set declination_deg=D compares with a reference relative to true north.
 
 ns/update is the CPU time of one step each of gyro, accel and fuser, without
 reading, checks, messages and course: median over 7 rounds, each over the first

@@ -120,6 +120,48 @@ fn errors_match_scored_reference_rows() {
     assert!(number(&scores, "/stages/0/ns_per_update") > 0.0);
 }
 
+/// Returns the warnings of a score.
+fn warnings(folder: &Path, arguments: &[&str]) -> String {
+    let output = score(folder, arguments);
+    let stderr = String::from_utf8(output.stderr).unwrap();
+    assert_eq!(output.status.code(), Some(0), "{stderr}");
+    stderr
+}
+
+#[test]
+fn constant_heading_offset_is_named_with_its_remedy() {
+    let files = [
+        ("true.csv", with_field(&at_rest(-11.0, 0.0))),
+        ("exchanged.csv", with_field(&at_rest(90.0, 0.0))),
+        ("own_zero.csv", with_field(&at_rest(-60.0, 0.0))),
+        ("equal.csv", with_field(&at_rest(0.0, 0.0))),
+    ];
+    let folder = folder_with(&files);
+    let found = |file: &str| warnings(folder.path(), &[file]);
+    assert!(!found("equal.csv").contains("heading-offset"));
+    assert!(found("own_zero.csv").contains("a constant +60.0° (counter-clockwise)"), "{}", found("own_zero.csv"));
+    assert!(found("own_zero.csv").contains("its own zero of yaw"));
+    assert!(found("exchanged.csv").contains("`--frame enu-flu` or"), "{}", found("exchanged.csv"));
+    let message = found("true.csv");
+    assert!(message.contains("a constant +11.0° (counter-clockwise)"), "{message}");
+    let remedy = message.split('`').find(|part| part.starts_with("--set ")).unwrap();
+    let corrected = warnings(folder.path(), &[&["true.csv"][..], &remedy.split(' ').collect::<Vec<_>>()].concat());
+    assert!(!corrected.contains("heading-offset"), "{corrected}");
+}
+
+#[test]
+fn segment_with_a_single_sample_is_left_out() {
+    let row = |t_s: f64| format!("{t_s},0,0,0.01,0,0,9.8\n");
+    let text: String = [row(500.0)].into_iter().chain((0..200).map(|n| row(f64::from(n) * 0.01))).collect();
+    let folder = folder_with(&[("restarted.csv", format!("t_s,gx,gy,gz,ax,ay,az\n{text}"))]);
+    let output = score(folder.path(), &["restarted.csv", "--json"]);
+    let stderr = String::from_utf8(output.stderr).unwrap();
+    assert_eq!(output.status.code(), Some(0), "{stderr}");
+    assert!(stderr.contains("restarted.csv: left out segment 1, which has 1 sample"), "{stderr}");
+    let scores: Value = serde_json::from_slice(&output.stdout).unwrap();
+    assert_eq!(scores.pointer("/stages/0/trials").unwrap().as_array().unwrap().len(), 1, "{scores}");
+}
+
 #[test]
 fn recording_without_reference_has_attitude_but_no_score() {
     let text = "t_s,gx,gy,gz,ax,ay,az\n0,0,0,0,0,0,9.8\n0.01,0,0,0,0,0,9.8\n".to_owned();

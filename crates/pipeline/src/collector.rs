@@ -95,7 +95,7 @@ impl Collector {
         }
         let reference = self.pending.pop_front_if(|reference| reference.tick == header.tick);
         if let Some(reference) = reference.filter(|reference| reference.scored != 0) {
-            self.accuracy.add(AttitudeError::between(quaternion(output.quaternion), quaternion(reference.quaternion)));
+            self.accuracy.add(AttitudeError::between(compared_attitude(output), quaternion(reference.quaternion)));
         }
         if let Some(previous) = self.last {
             self.gap_ns = self.gap_ns.max(header.t_sent_ns.saturating_sub(previous.header.t_sent_ns));
@@ -202,6 +202,15 @@ impl Collector {
     pub fn last(&self) -> Option<&AttitudeOutput> {
         self.last.as_ref()
     }
+}
+
+/// Returns the attitude that is compared with a reference.
+///
+/// If the declination was added to the course, the reference is relative to true north, and the
+/// attitude is rotated accordingly.
+pub fn compared_attitude(output: &AttitudeOutput) -> Quaternion<f64> {
+    let (sin, cos) = (-0.5 * output.declination_rad).sin_cos();
+    Quaternion::new(cos, 0.0, 0.0, sin) * quaternion(output.quaternion)
 }
 
 fn quaternion([w, x, y, z]: [f64; 4]) -> Quaternion<f64> {

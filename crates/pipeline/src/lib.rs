@@ -26,7 +26,7 @@ pub mod schedule;
 mod slot_runner;
 
 pub use attitude_file::{AttitudeFile, Column, STANDARD_OUTPUT, is_same_file};
-pub use collector::Collector;
+pub use collector::{Collector, compared_attitude};
 pub use error::CollectorError;
 pub use path::Path;
 pub use schedule::{ReplayWarning, Schedule};

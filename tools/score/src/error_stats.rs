@@ -15,6 +15,7 @@ use attitude::{
     state::{Attitude, wrapped_rad},
 };
 use messages::{AttitudeOutput, CourseReference, FusedState};
+use pipeline::compared_attitude;
 use runtime::convert;
 
 use crate::{
@@ -55,8 +56,9 @@ pub struct TickErrors {
 impl TickErrors {
     /// Computes the errors of a chain's outputs at a tick.
     pub fn new(output: &AttitudeOutput, fused: &FusedState, truth: &Truth) -> Self {
-        let [estimate, reference] =
-            [output.quaternion, truth.quaternion].map(|[w, x, y, z]| Quaternion::new(w, x, y, z));
+        let estimate = compared_attitude(output);
+        let [w, x, y, z] = truth.quaternion;
+        let reference = Quaternion::new(w, x, y, z);
         let angles = Attitude::from_quaternion(reference).angles();
         let [estimated_bias, true_bias] =
             [convert::finite_vector(fused.bias_rad_s), truth.gyro_bias_rad_s.map(Vector3::from)];

@@ -6,9 +6,10 @@
 
 use std::{cell::Cell, path::PathBuf};
 
+use attitude::Quaternion;
 use launch::{Launch, Source};
 use messages::{AttitudeOutput, CourseReference, FusedState, Reference};
-use pipeline::{AttitudeFile, Collector};
+use pipeline::{AttitudeFile, Collector, compared_attitude};
 use rayon::prelude::*;
 use readings::conditioner::Sample;
 use runtime::{Pace, ServiceConfig};
@@ -156,8 +157,8 @@ impl ChainRun {
         })
     }
 
-    pub(crate) fn attitude_at(&self, tick: u64) -> Option<[f64; 4]> {
-        self.newest.filter(|(output, _)| output.header.tick == tick).map(|(output, _)| output.quaternion)
+    pub(crate) fn attitude_at(&self, tick: u64) -> Option<Quaternion<f64>> {
+        self.newest.filter(|(output, _)| output.header.tick == tick).map(|(output, _)| compared_attitude(&output))
     }
 
     /// Returns `true` if the heading is known at the last scored tick, or at the last tick if none

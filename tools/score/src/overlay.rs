@@ -64,13 +64,12 @@ impl Overlay {
     }
 
     /// Adds one tick: the reference, if known, and the attitude of each chain that has one.
-    pub(crate) fn push(&mut self, t_ns: i64, truth: Option<Truth>, attitudes: &[Option<[f64; 4]>]) {
+    pub(crate) fn push(&mut self, t_ns: i64, truth: Option<Truth>, attitudes: &[Option<Quaternion<f64>>]) {
         let t_s = t_ns.saturating_sub(*self.first_ns.get_or_insert(t_ns)) as f64 * 1e-9;
         let reference = truth.map(|truth| quaternion(truth.quaternion));
         let is_scored = truth.is_some_and(|truth| truth.scored);
         self.reference.push(t_s, reference);
-        let attitudes: Vec<_> = attitudes.iter().map(|attitude| attitude.map(quaternion)).collect();
-        for ((angles, errors), attitude) in self.stages.iter_mut().zip(&mut self.errors).zip(&attitudes) {
+        for ((angles, errors), attitude) in self.stages.iter_mut().zip(&mut self.errors).zip(attitudes) {
             angles.push(t_s, *attitude);
             errors.push(t_s, attitude.zip(reference), is_scored);
         }

@@ -6,6 +6,7 @@ use attitude::{
     state::{Attitude, wrapped_rad},
 };
 use messages::{AttitudeOutput, FusedState, ImuSample};
+use pipeline::compared_attitude;
 use runtime::{RuntimeError, ServiceConfig};
 
 use super::{
@@ -131,7 +132,7 @@ impl PlotRecord {
         let [accel_curves, gyro_curves, fused_curves, reference_curves] = &mut self.curves;
         accel_curves.push_point(t_s, up);
         gyro_curves.push_attitude(t_s, open_loop);
-        let estimate = to_attitude(output.quaternion);
+        let estimate = Attitude::from_quaternion(compared_attitude(output));
         fused_curves.push_attitude(t_s, Some(estimate));
         fused_curves.push(Quantity::Course, t_s, output.course_rad.to_degrees());
         fused_curves.push_bias(t_s, Some(fused.bias_rad_s));
