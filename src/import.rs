@@ -355,7 +355,11 @@ fn is_read_unchanged(path: &Path) -> Result<bool, ImportError> {
     Ok(match format {
         Format::Recording => match PlainRecording::read(path) {
             Some(plain) => {
-                let announce = |file: &Path, note: &Note| announce_warning(&format!("{}: {note}", foreign::path(file)));
+                let announce = |file: &Path, note: &Note| match note {
+                    // A missing line end may be harmless.
+                    Note::UnendedRow { .. } => supervisor::announce(format_args!("{}: {note}", foreign::path(file))),
+                    note => announce_warning(&format!("{}: {note}", foreign::path(file))),
+                };
                 if let Some(fixes) = recording::gnss::find_for(path) {
                     // Fixes in another dialect, or with damaged rows, are converted.
                     let Ok(notes) = fixes_notes(&fixes, plain.range_ns) else { return Ok(false) };

@@ -180,6 +180,28 @@ fn captured_sensor_streams_are_read_by_their_remedy() {
 }
 
 #[test]
+fn dates_of_unknown_order_are_read_after_their_remedy() {
+    let system = System::new("");
+    let file = system.path("dates.csv");
+    let date = |order: &str| -> String {
+        let rows = rows();
+        let lines = rows.lines().map(|row| row.split_once(',').unwrap());
+        lines.map(|(t, row)| format!("{order} 10:00:0{t} AM,{row}\n")).collect()
+    };
+    for order in ["11/27/2026", "27/11/2026", "11/11/2026"] {
+        fs::write(&file, HEADER.replace("t_s", "time") + &date(order)).unwrap();
+        assert_read(&file, &[]);
+    }
+    fs::write(&file, HEADER.replace("t_s", "time") + &date("11/05/2026")).unwrap();
+    let message = refusal(&file);
+    let command = commands(&message)[0].replace("FILE", "dates.csv").replace("NEW", "new.csv");
+    let output = shell(&system, &command);
+    assert!(output.status.success(), "{command}: {}", text(&output.stderr));
+    assert_read(&system.path("new.csv"), &[]);
+    assert!(fs::read_to_string(system.path("new.csv")).unwrap().contains("\n2026-11-05 10:00:00.00 AM,"));
+}
+
+#[test]
 fn text_with_constant_times_is_read_by_its_remedy() {
     let system = System::new("");
     let file = system.path("a b.csv");

@@ -1,7 +1,7 @@
 //! Rules for text with numbers, shared by files and live streams: comments, separators, numbers
 //! and times.
 
-use std::borrow::Cow;
+use std::{borrow::Cow, ops::RangeInclusive};
 
 /// Exclusive limit of the absolute value of a time, s. Nanoseconds within this limit fit into an
 /// `i64`.
@@ -168,6 +168,8 @@ pub enum Expected {
     Time,
     /// A number, a time of day or a date.
     TimeText,
+    /// A date such as `27/11/2026`, in which the order of day and month is evident.
+    DateOrder,
 }
 
 impl Expected {
@@ -179,6 +181,9 @@ impl Expected {
             Self::Mark { is_comma: true } => "a number with a decimal comma, as before",
             Self::Time => "less than 9e9 s; set another unit with --units",
             Self::TimeText => "a number, a time of day such as 13:05:00.02 or a date such as 2026-05-01T13:05:00.02Z",
+            Self::DateOrder => {
+                "a date whose first number is known to be the month or the day; write the year first: months with `sed -E 's|([0-9]+)/([0-9]+)/([0-9]{4})|\\3-\\1-\\2|' FILE > NEW`, days with \\3-\\2-\\1 in it"
+            }
         }
     }
 }
@@ -214,6 +219,9 @@ impl Dialect {
         }
         if let Some(t_ns) = time_of_day_ns(&point) {
             return Ok(Some(Time::OfDay(t_ns)));
+        }
+        if is_ambiguous_date(&point) {
+            return Err(Expected::DateOrder);
         }
         let decimal = self.decimal(field).map_err(|expected| match expected {
             Expected::Number => Expected::TimeText,
@@ -290,8 +298,8 @@ fn time_of_day_ns(text: &str) -> Option<i64> {
 }
 
 /// Parses a date and time of ISO 8601, such as `2026-05-01T13:05:00.020Z`,
-/// `2026-05-01 15:05:00+02:00` or `20260501T130500.02Z`, or a date such as `01.05.2026`. A time
-/// without an offset is taken as UTC.
+/// `2026-05-01 15:05:00+02:00` or `20260501T130500.02Z`, or with a date such as `01.05.2026` or
+/// `05/27/2026`. A time without an offset is taken as UTC.
 fn calendar_ns(text: &str) -> Option<i64> {
     let (date, time) = text.split_once(['T', 't', ' '])?;
     let (year, month, day) = date_parts(date)?;
@@ -315,24 +323,49 @@ fn calendar_ns(text: &str) -> Option<i64> {
     t_ns.checked_sub(offset_ns).filter(|t_ns| i128::from(*t_ns) < TIME_LIMIT_S * i128::from(NS_PER_S))
 }
 
-/// Parses the year, month and day of a date: `2026-05-01`, `2026/05/01`, `20260501` or
-/// `01.05.2026`. A date such as `05/01/2026` is rejected, because its order is ambiguous.
+/// Parses the year, month and day of a date: `2026-05-01`, `2026/05/01`, `20260501`, `01.05.2026`,
+/// `05/27/2026` or `27/05/2026`. A date such as `05/01/2026` is rejected, because its order is
+/// ambiguous.
 fn date_parts(date: &str) -> Option<(i64, i64, i64)> {
-    let number = |text: &str, digits: usize| -> Option<i64> {
-        (text.len() == digits && text.bytes().all(|byte| byte.is_ascii_digit())).then(|| text.parse().ok())?
-    };
+    if let Some([first, second, year]) = parts_before_year(date) {
+        return match (first, second) {
+            (13.., _) => Some((year, second, first)),
+            (_, 13..) => Some((year, first, second)),
+            _ => (first == second).then_some((year, first, second)),
+        };
+    }
     let parts: Vec<&str> = date.splitn(4, ['-', '/']).collect();
     match (&parts[..], date.split('.').collect::<Vec<_>>().as_slice()) {
-        ([year, month, day], _) => Some((number(year, 4)?, number(month, 2)?, number(day, 2)?)),
-        (_, [day, month, year]) => Some((number(year, 4)?, number(month, 2)?, number(day, 2)?)),
+        ([year, month, day], _) | (_, [day, month, year]) => {
+            Some((whole_number(year, 4..=4)?, whole_number(month, 1..=2)?, whole_number(day, 1..=2)?))
+        }
         _ => {
-            let digits = number(date, 8)?;
+            let digits = whole_number(date, 8..=8)?;
             Some((digits / 10_000, digits / 100 % 100, digits % 100))
         }
     }
 }
 
-/// Parses the time of day that follows a date, with or without colons.
+/// Returns the numbers of a date such as `05/27/2026`, in which day and month precede the year.
+fn parts_before_year(date: &str) -> Option<[i64; 3]> {
+    let mut parts = date.splitn(3, '/');
+    let [first, second, year] = [parts.next()?, parts.next()?, parts.next()?];
+    Some([whole_number(first, 1..=2)?, whole_number(second, 1..=2)?, whole_number(year, 4..=4)?])
+}
+
+/// Returns `true` for a date and time such as `05/01/2026 13:05:00`, of which the first number may
+/// be the month or the day.
+fn is_ambiguous_date(text: &str) -> bool {
+    let parts = text.split_once(['T', 't', ' ']).and_then(|(date, _)| parts_before_year(date));
+    parts
+        .is_some_and(|[first, second, _]| first != second && [first, second].iter().all(|part| (1..=12).contains(part)))
+}
+
+fn whole_number(text: &str, digits: RangeInclusive<usize>) -> Option<i64> {
+    (digits.contains(&text.len()) && text.bytes().all(|byte| byte.is_ascii_digit())).then(|| text.parse().ok())?
+}
+
+/// Parses the time of a date, with or without colons.
 fn clock_ns(time: &str) -> Option<i64> {
     let (whole, fraction) = time.split_once(['.', ',']).unwrap_or((time, "0"));
     match (whole.len(), whole.get(..2), whole.get(2..4), whole.get(4..)) {
@@ -424,9 +457,16 @@ mod tests {
             "20260501T130500.020Z",
             "01.05.2026 13:05:00,020",
             "2026-05-01 01:05:00.020 PM",
+            "2026-5-1 13:05:00.020",
         ] {
             assert_eq!(dialect.time(text, 9), Ok(Some(Time::Calendar(unix_ns))), "{text}");
         }
+        let later_ns = unix_ns + 26 * DAY_NS;
+        for text in ["05/27/2026 13:05:00.020", "27/05/2026 13:05:00,020", "5/27/2026 1:05:00.020 PM"] {
+            assert_eq!(dialect.time(text, 9), Ok(Some(Time::Calendar(later_ns))), "{text}");
+        }
+        assert_eq!(calendar_ns("05/05/2026 13:05:00.020"), Some(unix_ns + 4 * DAY_NS));
+        assert_eq!(dialect.time("05/01/2026 13:05:00", 9), Err(Expected::DateOrder));
         for text in ["13:05:00.020", "13:05:00:020", "13:05:00,020", "1:05:00.02 pm", "01:05:00.020PM"] {
             assert_eq!(dialect.time(text, 9), Ok(Some(Time::OfDay(47_100_020_000_000))), "{text}");
         }
@@ -439,7 +479,7 @@ mod tests {
             "2026-05-01T",
             "12:-1:00",
             "13:00:00 PM",
-            "05/01/2026 13:05:00",
+            "13/13/2026 13:05:00",
             "2026050T130500",
             "1.2.3.4",
         ] {

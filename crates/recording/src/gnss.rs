@@ -113,7 +113,8 @@ pub fn find_for(recording: &Path) -> Option<PathBuf> {
 
 /// Returns the path that [`find_for`] tries first as the fix file of a recording.
 ///
-/// Returns `None` if the name of the recording does not end in `_imu.csv`, `_imu.csv.gz` or `_imu.csv.zst`.
+/// Returns `None` if the name of the recording does not end in `_imu.csv`, `_imu.csv.gz` or
+/// `_imu.csv.zst`.
 pub fn path_for(recording: &Path) -> Option<PathBuf> {
     let name = recording.file_name()?.to_str()?;
     let stem = IMU_SUFFIXES.iter().find_map(|end| name.strip_suffix(end))?;

@@ -12,13 +12,14 @@ pub(crate) const DIGITS: usize = 9;
 /// Description of the text that can be read as a time.
 pub(crate) const EXPECTED: &str = "a finite time in seconds within ±9e9";
 
-/// Returns `true` if [`time_ns`](mapping::text::time_ns) reads the time that is formatted as [`Seconds`].
+/// Returns `true` if [`time_ns`](mapping::text::time_ns) reads the time that is formatted as
+/// [`Seconds`].
 pub(crate) fn is_in_range(t_ns: i64) -> bool {
     t_ns.unsigned_abs() / NS_PER_S.unsigned_abs() < TIME_LIMIT_S.unsigned_abs()
 }
 
-/// Time in ns, formatted as seconds without trailing zeros. [`time_ns`](mapping::text::time_ns) reads it
-/// back exactly.
+/// Time in ns, formatted as seconds without trailing zeros. [`time_ns`](mapping::text::time_ns)
+/// reads it back exactly.
 pub(crate) struct Seconds(pub(crate) i64);
 
 impl fmt::Display for Seconds {

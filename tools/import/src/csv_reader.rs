@@ -1,8 +1,9 @@
 //! Reads a single file of text with numbers, in any dialect.
 //!
-//! Input: text, plain or compressed ([`recording::TextLines`]). The column names are in the line before the first row, which may be
-//! a comment; if there are no names, the columns are those of a live stream. The rules for
-//! comments, separators, numbers and times are those of live streams ([`mapping::text`]).
+//! Input: text, plain or compressed ([`recording::TextLines`]). The column names are in the line
+//! before the first row, which may be a comment; if there are no names, the columns are those of a
+//! live stream. The rules for comments, separators, numbers and times are those of live streams
+//! ([`mapping::text`]).
 //!
 //! Output: records.
 //!
@@ -243,6 +244,13 @@ impl CsvRecord<'_> {
             }
             error => error,
         })
+    }
+
+    /// Returns `true` if a column holds a date or a time of day, which has no unit.
+    pub(crate) fn has_clock_time(&self, index: usize) -> bool {
+        let mut dialect = self.reader.dialect.get();
+        let time = self.fields().get(index).map(|field| dialect.time(field, 0));
+        matches!(time, Some(Ok(Some(Time::Calendar(_) | Time::OfDay(_))) | Err(Expected::DateOrder)))
     }
 
     fn fields(&self) -> Vec<&str> {

@@ -360,8 +360,8 @@ impl CsvFiles {
         };
         // Dates and times of day have no unit.
         let mut reader = CsvReader::open(&groups.rate.path, &self.read_bytes)?;
-        let first = reader.next().ok().flatten().and_then(|record| record.time(groups.rate.time, 0).ok());
-        let needs_time_unit = !matches!(first, Some(Time::Calendar(_) | Time::OfDay(_)));
+        let has_clock = reader.next().ok().flatten().is_some_and(|record| record.has_clock_time(groups.rate.time));
+        let needs_time_unit = !has_clock;
         mapping.with_header_units(names_of, needs_time_unit).map_err(|error| {
             let path = groups.rate.path.clone();
             ImportError::HeaderUnits { path, error: error.into() }

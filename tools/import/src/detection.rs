@@ -13,8 +13,8 @@ use crate::{
     format::Format,
 };
 
-/// Number of bytes inspected at the start of a file. In a gzip or zstd file, the same number of bytes
-/// is also inspected after decompression.
+/// Number of bytes inspected at the start of a file. Of a gzip or zstd file, the same number of
+/// decompressed bytes is inspected as well.
 const PREFIX_BYTES: u64 = 4096;
 
 /// First bytes of a DataFlash log, which starts with the FMT message that describes FMT messages.
