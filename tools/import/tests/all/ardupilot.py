@@ -16,4 +16,7 @@ log = DFReader_binary(sys.argv[1])
 while (message := log.recv_msg()) is not None:
     name = message.get_type()
     if name in FIELDS:
-        print(name, message.TimeUS, *(repr(float(getattr(message, field))) for field in FIELDS[name]))
+        fields = message.to_dict()
+        # Old logs have times in ms, and messages without the number of the sensor.
+        t_us = fields["TimeUS"] if "TimeUS" in fields else 1000 * fields["TimeMS"]
+        print(name, t_us, *(repr(float(fields.get(field, 0))) for field in FIELDS[name]))

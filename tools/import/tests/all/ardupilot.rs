@@ -1,11 +1,11 @@
-//! Generated ArduPilot logs, compared with pymavlink.
+//! ArduPilot logs, compared with pymavlink.
 
 use std::collections::BTreeMap;
 
 use import::{Format, Note};
 
 use crate::{
-    common::{Bytes, Folder},
+    common::{Bytes, Folder, log},
     python::python,
     scripts::run_script,
 };
@@ -142,7 +142,36 @@ fn ardupilot_log_matches_pymavlink() {
     }
 }
 
-/// The attitude has roll 10°, pitch 5° and a heading due east.
+#[recorded::test]
+fn logs_of_reports_match_pymavlink() {
+    for name in ["old_gps_clock.bin", "slow_attitude.bin"] {
+        let (Some(logs), Some(_)) = (log(""), python()) else { return };
+        let path = logs.join("../reports").join(name);
+        let imported = Folder::new().import(std::slice::from_ref(&path), None).unwrap();
+        let words = run_script("ardupilot.py", &[path.as_os_str()]);
+        let messages = |kind: &str| {
+            let of_kind = words.iter().filter(move |words| words[0] == kind);
+            let numbers = of_kind.map(|words| words[1..].iter().map(|word| word.parse().unwrap()).collect());
+            numbers.collect::<Vec<Vec<f64>>>()
+        };
+        let rows = imported.rows.iter().map(|row| (row.t_ns as f64, row.rate_rad_s, row.force_m_s2));
+        let expected = messages("IMU");
+        let expected = expected.iter().map(|n| (n[0] * 1000.0, [n[3], n[2], -n[4]], [n[6], n[5], -n[7]]));
+        assert!(rows.len() == 700 && rows.eq(expected), "{name}");
+        let fields = imported.rows.iter().filter_map(|row| row.field_ut);
+        let expected = messages("MAG");
+        assert!(expected.len() == 140 && fields.eq(expected.iter().map(|n| [n[3] * 0.1, n[2] * 0.1, -n[4] * 0.1])));
+        let fixes = imported.fixes.iter().map(|fix| (fix.velocity_m_s, fix.latitude_deg));
+        let expected = messages("GPS");
+        assert_eq!(fixes.len(), 70);
+        assert!(fixes.eq(expected.iter().map(|n| {
+            let (east, north) = n[4].to_radians().sin_cos();
+            ([n[3] * east, n[3] * north, -n[5]], Some(n[6]))
+        })));
+    }
+}
+
+/// The attitude is roll 10°, pitch 5°, heading east.
 #[test]
 fn reference_from_angles_without_quaternion() {
     let folder = Folder::new();
