@@ -1,26 +1,24 @@
 //! `plumb import`: converts logs of other systems. Other commands that read recordings also use it.
 
 use std::{
+    fmt::Display,
     path::{Path, PathBuf},
     process::ExitCode,
 };
 
 use clap::Args;
 use import::{
-    Format, ImportError, Mapping, MappingError, Note, Options, PlainRecording, Segment, Summary, Table, convert,
-    convert_table, fixes_notes, mcap_file::to_mcap,
+    ImportError, Mapping, MappingError, Note, Options, PlainRecording, Progress, Summary, convert,
+    mcap_file::to_mcap,
+    readable::{Event, ReadableFile, count_references},
 };
-use recording::{RecordingError, References};
-use tempfile::TempDir;
+use indicatif::ProgressBar;
 
 use crate::{
     failure::fail,
     notice::{notice, progress_bar},
     stdout::print,
 };
-
-/// Minimum number of samples of a segment. A segment with fewer samples has no time interval.
-const MIN_SEGMENT_SAMPLES: u64 = 2;
 
 /// Arguments of `plumb import`.
 #[derive(Args)]
@@ -102,11 +100,6 @@ impl ReadOptions {
         Ok(Options { mapping, topics, segment, time_bits, imu, mag, gnss })
     }
 
-    /// Returns the same arguments with the given segment.
-    fn with_segment(&self, segment: usize) -> Self {
-        Self { segment: Some(segment), ..self.clone() }
-    }
-
     /// Returns `true` if any argument is given.
     pub(crate) fn is_set(&self) -> bool {
         let Self { maps, units, frame, topics, segment, time_bits, imu } = self;
@@ -160,234 +153,60 @@ fn write_mcap(files: &[PathBuf], options: &Options, out: &Path) -> Result<(Strin
         let head = format!("{}: {samples} at {:.1} Hz", foreign::path(out), survey.rate_hz);
         return Ok((with_notes(head, plain.note.as_slice()), None));
     }
-    let (readable, summary) = ReadableFile::import(files, options)?;
+    let (readable, summary) = ReadableFile::import(files, options, &mut announcer())?;
     to_mcap(&readable.path, out)?;
-    Ok((summary_text(&summary, out), summary.warning()))
+    Ok((summary_text(&summary, out), readable.warning))
 }
 
 /// Prints a warning on standard error.
-fn announce_warning(warning: &String) {
+fn announce_warning(warning: impl Display) {
     supervisor::announce(format_args!("warning: {warning}"));
 }
 
-/// Recording in a format that can be read directly. An imported recording is a temporary file,
-/// which is removed on drop.
-pub(crate) struct ReadableFile {
-    pub(crate) path: PathBuf,
-    /// Path of the file that the user named.
-    user_path: PathBuf,
-    /// Format of the file that the user named.
-    format: Format,
-    /// Warning that is printed at the end of the run.
-    warning: Option<String>,
-    _folder: Option<TempDir>,
-}
-
-impl ReadableFile {
-    /// Opens a recording, importing it first if it is a foreign log or some of its rows are
-    /// damaged.
-    pub(crate) fn open(path: &Path, reading: &ReadOptions, sensors: SensorNumbers) -> Result<Self, ImportError> {
-        Ok(Self::open_announced(path, reading, sensors)?.0)
-    }
-
-    /// Opens all segments of a recording that have a time interval, or only the chosen segment.
-    pub(crate) fn open_segments(
-        path: &Path,
-        reading: &ReadOptions,
-        sensors: SensorNumbers,
-    ) -> Result<Vec<Self>, ImportError> {
-        let (first, segments) = Self::open_announced(path, reading, sensors)?;
-        if segments.len() < 2 || reading.segment.is_some() {
-            return Ok(vec![first]);
+/// Returns a function that prints the events of an import and shows its progress.
+pub(crate) fn announcer() -> impl FnMut(Event<'_>) {
+    let mut bar: Option<ProgressBar> = None;
+    move |event| match event {
+        Event::Progress(Progress { done_bytes, total_bytes }) => {
+            let bar = bar.get_or_insert_with(|| progress_bar(0, "{bar:40} {bytes} of {total_bytes}, {eta} left"));
+            bar.set_length(total_bytes);
+            bar.set_position(done_bytes);
         }
-        let numbered = || (1..).zip(&segments);
-        for (number, segment) in numbered().filter(|(_, segment)| segment.samples < MIN_SEGMENT_SAMPLES) {
-            let samples = launch::pluralize(segment.samples, "sample");
-            announce_warning(&format!("{}: left out segment {number}, which has {samples}", foreign::path(path)));
+        Event::ImportEnded => bar.take().iter().for_each(ProgressBar::finish_and_clear),
+        Event::Imported { path, summary } => notice(summary_text(summary, path)),
+        Event::TableNote { path, note } => supervisor::announce(format_args!("{}: {note}", foreign::path(path))),
+        // A missing line end may be harmless.
+        Event::RecordingNote { path, note: note @ Note::UnendedRow { .. } } => {
+            supervisor::announce(format_args!("{}: {note}", foreign::path(path)));
         }
-        let long = numbered().filter(|(_, segment)| segment.samples >= MIN_SEGMENT_SAMPLES);
-        let segment = |number| {
-            let options = reading.with_segment(number).options(sensors)?;
-            Ok(Self::import(&[path.into()], &options)?.0)
-        };
-        long.map(|(number, _)| segment(number)).collect()
-    }
-
-    /// Opens a recording. Also returns the segments if it was imported.
-    fn open_announced(
-        path: &Path,
-        reading: &ReadOptions,
-        sensors: SensorNumbers,
-    ) -> Result<(Self, Vec<Segment>), ImportError> {
-        let options = reading.options(sensors)?;
-        if options == Options::default() && is_read_unchanged(path)? {
-            let (user_path, format) = (path.into(), Format::Recording);
-            return Ok((Self { path: path.into(), user_path, format, warning: None, _folder: None }, vec![]));
-        }
-        let (readable, summary) = Self::import(&[path.into()], &options)?;
-        notice(summary_text(&summary, path));
-        Ok((readable, summary.segments))
-    }
-
-    /// Imports a foreign log, which may consist of several tables. Also returns the summary.
-    pub(crate) fn import(files: &[PathBuf], options: &Options) -> Result<(Self, Summary), ImportError> {
-        let folder = tempfile::Builder::new().prefix("plumb-import-").tempdir();
-        let folder = folder.map_err(|cause| ImportError::TemporaryFolder { cause })?;
-        let first = files.first().map(PathBuf::as_path).unwrap_or(Path::new(""));
-        let name = first.file_stem().unwrap_or_default().to_string_lossy();
-        let fixes = recording::gnss::find_for(first);
-        let name = match (&fixes, options.segment) {
-            (Some(_), _) => name.strip_suffix(".csv").unwrap_or(&name).to_owned(),
-            (None, Some(segment)) => format!("{name}_{segment}_imu"),
-            (None, None) => format!("{name}_imu"),
-        };
-        let imported = folder.path().join(format!("{name}.csv"));
-        let mut summary = convert_with_progress(files, options, &imported)?;
-        // The fixes of a recording are in a file next to it.
-        if let (Some(fixes), None) = (&fixes, &summary.fixes_file) {
-            let copy = fixes.file_name().unwrap_or_default().to_string_lossy().into_owned();
-            let copy = folder.path().join(copy.strip_suffix(".gz").unwrap_or(&copy));
-            summary.notes.extend(convert_table(fixes, Table::Fixes, &copy)?);
-            let rows = PlainRecording::read(&imported);
-            let notes = rows.map(|rows| fixes_notes(&copy, rows.range_ns)).transpose()?;
-            summary.notes.extend(notes.into_iter().flatten());
-        }
-        let warning = summary.warning();
-        let (user_path, format) = (first.to_owned(), summary.format);
-        Ok((Self { path: imported, user_path, format, warning, _folder: Some(folder) }, summary))
-    }
-
-    /// Returns `true` if the format of the file defines its axes, so that `--frame` does not apply.
-    pub(crate) fn has_own_axes(&self) -> bool {
-        !self.format.is_text() && !self.format.has_topics()
-    }
-
-    /// Replaces the path of a temporary file in a message with the path of the user's file.
-    pub(crate) fn with_user_path(&self, text: &str) -> String {
-        replace_path(text, &self.path, &self.user_path)
-    }
-
-    /// Prints the number of samples with a reference from a separate file.
-    pub(crate) fn announce_references(&self, reference: &Path) {
-        // Errors in either file are reported by the run.
-        if let Ok([used, rows]) = count_references(&self.path, reference) {
-            let file = foreign::path(&self.user_path);
-            supervisor::announce(format_args!("{file}: {used} of {rows} samples with a reference"));
-        }
-    }
-
-    /// Prints the warning that was deferred to the end of the run, if any.
-    pub(crate) fn announce_warning(&self) {
-        self.warning.iter().for_each(announce_warning);
+        Event::RecordingNote { path, note } => announce_warning(format_args!("{}: {note}", foreign::path(path))),
+        Event::SegmentLeftOut { path, number, samples } => announce_warning(format_args!(
+            "{}: left out segment {number}, which has {}",
+            foreign::path(path),
+            launch::pluralize(samples, "sample")
+        )),
     }
 }
 
-/// Table of fixes or references in a form that can be read directly. A converted table is a
-/// temporary file, which is removed on drop.
-pub(crate) struct ReadableTable {
-    pub(crate) path: PathBuf,
-    user_path: PathBuf,
-    _folder: Option<TempDir>,
+/// Prints the warning that was deferred to the end of the run, if any.
+pub(crate) fn announce_deferred_warning(readable: &ReadableFile) {
+    readable.warning.iter().for_each(announce_warning);
 }
 
-impl ReadableTable {
-    /// Opens a table, converting it first if its dialect is not that of a recording.
-    ///
-    /// A table that cannot be converted is returned unchanged, so that the reader of the table
-    /// reports the error.
-    pub(crate) fn open(path: &Path, table: Table) -> Self {
-        let unchanged = Self { path: path.to_owned(), user_path: path.to_owned(), _folder: None };
-        let unended_line = match table {
-            Table::Fixes => recording::gnss::survey(path).map(|survey| survey.unended_line),
-            Table::Reference => References::open(path).and_then(|mut table| {
-                table.attitude_at(i64::MAX, [0.0; 3])?;
-                Ok(table.unended_line())
-            }),
-        };
-        let announce = |note: &Note| supervisor::announce(format_args!("{}: {note}", foreign::path(path)));
-        if let Ok(unended_line) = unended_line {
-            unended_line.map(|line| Note::UnendedRow { line }).iter().for_each(announce);
-            return unchanged;
-        }
-        if !path.is_file() {
-            return unchanged;
-        }
-        let name = path.file_name().unwrap_or_default().to_string_lossy().into_owned();
-        // The run reports why the table cannot be read.
-        let Ok(folder) = tempfile::Builder::new().prefix("plumb-import-").tempdir() else { return unchanged };
-        let out = folder.path().join(name.strip_suffix(".gz").unwrap_or(&name));
-        let Ok(notes) = convert_table(path, table, &out) else { return unchanged };
-        notes.iter().for_each(announce);
-        Self { path: out, user_path: path.to_owned(), _folder: Some(folder) }
+/// Prints the number of samples with a reference from a separate file.
+pub(crate) fn announce_references(readable: &ReadableFile, reference: &Path) {
+    // Errors of both files are reported by the run.
+    if let Ok([used, rows]) = count_references(&readable.path, reference) {
+        let file = foreign::path(&readable.user_path);
+        supervisor::announce(format_args!("{file}: {used} of {rows} samples with a reference"));
     }
-
-    /// Replaces the path of a temporary file in a message with the path of the user's file.
-    pub(crate) fn with_user_path(&self, text: &str) -> String {
-        replace_path(text, &self.path, &self.user_path)
-    }
-}
-
-fn replace_path(text: &str, path: &Path, user_path: &Path) -> String {
-    text.replace(&foreign::path(path).to_string(), &foreign::path(user_path).to_string())
-}
-
-/// Returns the number of rows with a reference from a separate file, and the number of all rows.
-fn count_references(recording: &Path, reference: &Path) -> Result<[u64; 2], RecordingError> {
-    let mut references = References::open(reference)?;
-    let mut counts = [0; 2];
-    for row in recording::Reader::open(recording)? {
-        let row = row?;
-        let is_used = references.attitude_at(row.t_ns, row.rate_rad_s)?.is_some();
-        counts = [counts[0] + u64::from(is_used), counts[1] + 1];
-    }
-    Ok(counts)
-}
-
-/// Returns `true` if the file is read without an import. This applies to a recording without
-/// faults, and to a file that is damaged from its start, because the reader reports the damage.
-fn is_read_unchanged(path: &Path) -> Result<bool, ImportError> {
-    let format = match Format::detect(path) {
-        Ok(format) => format,
-        Err(ImportError::Open { .. }) => return Ok(true),
-        Err(error) if !is_unreadable(path) => return Err(error),
-        Err(_) => return Ok(true),
-    };
-    Ok(match format {
-        Format::Recording => match PlainRecording::read(path) {
-            Some(plain) => {
-                let announce = |file: &Path, note: &Note| match note {
-                    // A missing line end may be harmless.
-                    Note::UnendedRow { .. } => supervisor::announce(format_args!("{}: {note}", foreign::path(file))),
-                    note => announce_warning(&format!("{}: {note}", foreign::path(file))),
-                };
-                if let Some(fixes) = recording::gnss::find_for(path) {
-                    // Fixes in another dialect, or with damaged rows, are converted.
-                    let Ok(notes) = fixes_notes(&fixes, plain.range_ns) else { return Ok(false) };
-                    notes.iter().for_each(|note| announce(&fixes, note));
-                }
-                plain.note.iter().for_each(|note| announce(path, note));
-                true
-            }
-            None => false,
-        },
-        Format::Gzip | Format::Zstd => is_unreadable(path),
-        _ => false,
-    })
-}
-
-/// Returns `true` if the file is empty or damaged from its start.
-fn is_unreadable(path: &Path) -> bool {
-    recording::Reader::open(path).is_err_and(|error| error.is_unreadable())
 }
 
 /// Converts the files, with a progress bar if standard error is a terminal.
 fn convert_with_progress(files: &[PathBuf], options: &Options, out: &Path) -> Result<Summary, ImportError> {
-    let bar = progress_bar(0, "{bar:40} {bytes} of {total_bytes}, {eta} left");
-    let summary = convert(files, options, out, &mut |progress| {
-        bar.set_length(progress.total_bytes);
-        bar.set_position(progress.done_bytes);
-    });
-    bar.finish_and_clear();
+    let mut announce = announcer();
+    let summary = convert(files, options, out, &mut |progress| announce(Event::Progress(progress)));
+    announce(Event::ImportEnded);
     summary
 }
 

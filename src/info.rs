@@ -8,13 +8,13 @@ use std::{
 
 use clap::Args;
 use flight::{FlightError, FlightInfo};
-use import::{Format, ImportError, PlainRecording, Segment, Sensor};
+use import::{Format, ImportError, PlainRecording, Segment, Sensor, readable::ReadableFile};
 use recording::{RecordingError, survey};
 use serde::Serialize;
 
 use crate::{
     failure::{fail, fail_after_result},
-    import::{ReadOptions, ReadableFile, SensorNumbers, summary_text},
+    import::{ReadOptions, SensorNumbers, announcer, summary_text},
     stdout::print,
 };
 
@@ -165,7 +165,7 @@ fn missing_values(file: &Path) -> Result<Vec<String>, RecordingError> {
 
 /// Imports a foreign log and returns its summary.
 fn read_foreign_log(file: &Path, reading: &ReadOptions, sensors: SensorNumbers) -> Result<RecordingInfo, ImportError> {
-    let (_, summary) = ReadableFile::import(&[file.to_owned()], &reading.options(sensors)?)?;
+    let (_, summary) = ReadableFile::import(&[file.to_owned()], &reading.options(sensors)?, &mut announcer())?;
     let mut text = summary_text(&summary, file);
     let options = ["--imu", "--mag", "--gnss"];
     let count = |option: &str| summary.sensors.iter().filter(|sensor| sensor.option.starts_with(option)).count();

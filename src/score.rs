@@ -5,7 +5,10 @@ use std::{
     process::ExitCode,
 };
 
-use ::import::{ImportError, Table};
+use ::import::{
+    ImportError, Table,
+    readable::{ReadableFile, ReadableTable},
+};
 use clap::{Args, ValueEnum};
 use launch::{GyroSamples, Ingest, Launch, LaunchError};
 use mapping::names::UnknownName;
@@ -20,7 +23,7 @@ use score::{
 
 use crate::{
     failure::fail,
-    import::{ReadOptions, ReadableFile, ReadableTable, SensorNumbers},
+    import::{ReadOptions, SensorNumbers, announce_deferred_warning, announce_references, announcer},
     notice::{notice, progress_bar},
     stdout::print,
     system::LaunchArgs,
@@ -208,14 +211,14 @@ pub(crate) fn run(score: Score) -> ExitCode {
         Ok(readable) => readable.into_iter().flatten().collect::<Vec<_>>(),
         Err(error) => return fail(&error, error.exit_code()),
     };
-    let reference_table = reference.as_ref().map(|path| ReadableTable::open(path, Table::Reference));
+    let reference_table = reference.as_ref().map(|path| ReadableTable::open(path, Table::Reference, &mut announcer()));
     let fixes_table = match &gnss {
-        GnssChoice::Fixes(Gnss::File(fixes)) => Some(ReadableTable::open(fixes, Table::Fixes)),
+        GnssChoice::Fixes(Gnss::File(fixes)) => Some(ReadableTable::open(fixes, Table::Fixes, &mut announcer())),
         _ => None,
     };
     let reference = reference_table.as_ref().map(|table| table.path.clone());
     let estimate_tables: Vec<_> =
-        estimates.iter().map(|(_, path)| ReadableTable::open(path, Table::Reference)).collect();
+        estimates.iter().map(|(_, path)| ReadableTable::open(path, Table::Reference, &mut announcer())).collect();
     let names = readable.iter().map(|trial| match trial {
         TrialFile::Recording(readable) => readable.path.to_string_lossy().into_owned(),
         TrialFile::Simulation(name) => name.clone(),
@@ -264,9 +267,9 @@ pub(crate) fn run(score: Score) -> ExitCode {
     for trial in &readable {
         if let TrialFile::Recording(readable) = trial {
             if let (Ok(_), Some(reference)) = (&scores, &reference) {
-                readable.announce_references(reference);
+                announce_references(readable, reference);
             }
-            readable.announce_warning();
+            announce_deferred_warning(readable);
         }
     }
     match scores {
@@ -298,7 +301,7 @@ fn readable(file: &str, reading: &ReadOptions, sensors: SensorNumbers) -> Result
     if file.starts_with("sim:") {
         return Ok(vec![TrialFile::Simulation(file.to_owned())]);
     }
-    let segments = ReadableFile::open_segments(Path::new(file), reading, sensors)?;
+    let segments = ReadableFile::open_segments(Path::new(file), &reading.options(sensors)?, &mut announcer())?;
     Ok(segments.into_iter().map(TrialFile::Recording).collect())
 }
 

@@ -6,6 +6,7 @@ use std::{
     time::Duration,
 };
 
+use ::import::readable::ReadableFile;
 use clap::Args;
 use launch::{Ingest, Source};
 use mapping::names::UnknownName;
@@ -18,7 +19,7 @@ use crate::{
     detached,
     duration::duration,
     failure::{fail, fail_after_result},
-    import::{ReadOptions, ReadableFile, SensorNumbers},
+    import::{ReadOptions, SensorNumbers, announce_deferred_warning, announcer},
     notice::{is_quiet, notice},
     replay,
     stdout::print,
@@ -175,13 +176,14 @@ fn report(mut request: Request, reading: &ReadOptions, sensors: SensorNumbers, t
         replay => {
             // An imported recording is a temporary file that is removed on drop, so it is kept
             // until the end of the run.
-            let readable = match replay.as_deref().map(|path| ReadableFile::open(path, reading, sensors)).transpose() {
+            let open = |path| ReadableFile::open(path, &reading.options(sensors)?, &mut announcer());
+            let readable = match replay.as_deref().map(open).transpose() {
                 Ok(readable) => readable,
                 Err(error) => return Report::from_error(&error, error.exit_code()),
             };
             request.imported = readable.as_ref().map(|readable| readable.path.clone());
             let result = supervisor::up(&request);
-            readable.iter().for_each(ReadableFile::announce_warning);
+            readable.iter().for_each(announce_deferred_warning);
             let with_user_path = |text: String| match &readable {
                 Some(readable) => readable.with_user_path(&text),
                 None => text,

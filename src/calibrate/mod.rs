@@ -15,7 +15,7 @@ use ::calibrate::{
     Calibrator, Kind, Prior, Rejection, Report,
     noise::{NoiseCalibrator, NoiseReport},
 };
-use ::import::ImportError;
+use ::import::{ImportError, readable::ReadableFile};
 use attitude::calibration::CalibrationError;
 use clap::{Args, ValueEnum};
 use flight::{FlightError, read_messages};
@@ -32,7 +32,7 @@ use serde::Serialize;
 use crate::{
     duration::duration,
     failure::fail,
-    import::{ReadOptions, ReadableFile, SensorNumbers},
+    import::{ReadOptions, SensorNumbers, announcer},
     notice::{notice, progress_bar},
     stdout::print,
     system::LocalSystemArgs,
@@ -322,7 +322,10 @@ fn collect(args: Calibrate) -> Result<Outcome, CalibrateError> {
     // end of the run.
     let readable = match file.starts_with("sim:") {
         true => None,
-        false => Some(ReadableFile::open(Path::new(&file), &reading, SensorNumbers::default())?),
+        false => {
+            let options = reading.options(SensorNumbers::default()).map_err(ImportError::from)?;
+            Some(ReadableFile::open(Path::new(&file), &options, &mut announcer())?)
+        }
     };
     let name = readable.as_ref().map_or(file, |readable| readable.path.to_string_lossy().into_owned());
     let trial = Trial::open(&name, &TrialOptions { gnss: Gnss::Off, gyro_samples, ..TrialOptions::default() })?;

@@ -80,7 +80,7 @@ pub(super) const NOT_RUN: &[(&str, &str)] = &[
 /// Fence a new drawing or output as `text` instead of adding it to this list.
 pub(super) const NOT_EXAMPLES: &[(&str, &str)] = &[
     ("[dependencies]", "manifest of another project"),
-    ("from plumbline_ahrs import", "needs the package; tested by crates/ahrs-python/tests"),
+    ("from plumbline_ahrs import", "needs the package; tested by tools/ahrs-python/tests"),
     ("use plumbline_ahrs::", "Rust; a shorter form of the example of the crate's documentation"),
     ("launch.toml        everything that runs", "file tree"),
     ("sensor, receiver ─►", "drawing"),

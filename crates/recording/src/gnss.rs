@@ -53,7 +53,7 @@ struct Columns {
     position: [Option<usize>; 3],
 }
 
-/// Reader of a recording's fixes, to be advanced in step with the rows.
+/// Reader of a recording's fixes, as an iterator or in step with the rows.
 pub struct FixReader {
     table: Table<Columns>,
     next: Option<Fix>,
@@ -87,6 +87,19 @@ impl FixReader {
             self.next = read_fix(&mut self.table)?;
         }
         Ok(newest)
+    }
+}
+
+impl Iterator for FixReader {
+    type Item = Result<Fix, RecordingError>;
+
+    /// Returns the next fix, or an error if the row after it is malformed.
+    fn next(&mut self) -> Option<Self::Item> {
+        let fix = self.next.take()?;
+        Some(read_fix(&mut self.table).map(|next| {
+            self.next = next;
+            fix
+        }))
     }
 }
 
@@ -192,9 +205,8 @@ pub fn survey(path: &Path) -> Result<FixSurvey, RecordingError> {
     let mut fixes = FixReader::open(path)?;
     let first_ns = fixes.next.map_or(0, |fix| fix.t_ns);
     let mut last_ns = first_ns;
-    while let Some(fix) = fixes.next {
-        last_ns = fix.t_ns;
-        fixes.next = read_fix(&mut fixes.table)?;
+    for fix in &mut fixes {
+        last_ns = fix?.t_ns;
     }
     Ok(FixSurvey { range_ns: [first_ns, last_ns], unended_line: fixes.table.unended_line() })
 }

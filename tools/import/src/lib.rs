@@ -18,6 +18,7 @@
 //! | `options` | options of an import |
 //! | [`format`](mod@format), `detection` | formats, and their detection by content |
 //! | [`summary`] | result of an import |
+//! | [`readable`] | recordings of any format as readable files |
 //! | [`mcap_file`] | conversion of a recording into an MCAP file |
 //! | [`ros_messages`] | decoding of single ROS 2 messages |
 //! | `source` | interface of all source formats |
@@ -44,6 +45,7 @@ mod force_aligner;
 pub mod format;
 pub mod mcap_file;
 mod options;
+pub mod readable;
 pub mod ros_messages;
 mod row_writer;
 mod sensor_state;

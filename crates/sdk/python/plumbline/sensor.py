@@ -23,6 +23,10 @@ import re
 import stat
 import struct
 import time
+from collections.abc import Iterable
+
+Numbers = Iterable[float]
+"""Three numbers."""
 
 ICEORYX2 = "0.10.0"
 """Version of iceoryx2 that the bus uses."""
@@ -60,14 +64,14 @@ class _Topic:
         self._join()
 
     @property
-    def capacity(self):
+    def capacity(self) -> int:
         """Number of messages that the topic buffers for ingest.
 
         When the buffer is full, the oldest message is overwritten.
         """
         return self._joined.capacity if self._joined else 0
 
-    def close(self):
+    def close(self) -> None:
         """Leaves the bus and removes all resources of this program from it."""
         if self._joined:
             self._joined.close()
@@ -200,10 +204,10 @@ class Sensor(_Topic):
     )
     TOPIC_INDEX = 0
 
-    def __init__(self, system):
+    def __init__(self, system: str) -> None:
         super().__init__(system, "sensor", self.TOPIC_INDEX, self.LAYOUT)
 
-    def send(self, t_ns, rate_rad_s, force_m_s2, field_ut=None):
+    def send(self, t_ns: int, rate_rad_s: Numbers, force_m_s2: Numbers, field_ut: "Numbers | None" = None) -> None:
         """Publishes a reading without blocking.
 
         `t_ns` is the time of the measurement on the sensor's clock, in ns, as an integer. The rate
@@ -226,10 +230,18 @@ class Receiver(_Topic):
     )
     TOPIC_INDEX = 1
 
-    def __init__(self, system):
+    def __init__(self, system: str) -> None:
         super().__init__(system, "receiver", self.TOPIC_INDEX, self.LAYOUT)
 
-    def send(self, velocity_m_s, sd_m_s=None, age_s=None, latitude_rad=None, longitude_rad=None, altitude_m=None):
+    def send(
+        self,
+        velocity_m_s: Numbers,
+        sd_m_s: "float | None" = None,
+        age_s: "float | None" = None,
+        latitude_rad: "float | None" = None,
+        longitude_rad: "float | None" = None,
+        altitude_m: "float | None" = None,
+    ) -> None:
         """Publishes a fix, which ingest combines with the next sensor reading.
 
         The velocity over ground has the components east, north and up. None means unknown.

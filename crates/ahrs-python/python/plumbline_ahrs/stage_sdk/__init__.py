@@ -1,1 +1,0 @@
-../../../../sdk/python/plumbline/__init__.py

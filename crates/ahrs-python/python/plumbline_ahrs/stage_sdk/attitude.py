@@ -1,1 +1,0 @@
-../../../../sdk/python/plumbline/attitude.py

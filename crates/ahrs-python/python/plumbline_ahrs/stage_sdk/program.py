@@ -1,1 +1,0 @@
-../../../../sdk/python/plumbline/program.py

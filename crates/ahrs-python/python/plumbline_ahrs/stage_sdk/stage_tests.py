@@ -1,1 +1,0 @@
-../../../../sdk/python/plumbline/stage_tests.py

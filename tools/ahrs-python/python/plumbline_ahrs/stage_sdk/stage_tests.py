@@ -1,0 +1,1 @@
+../../../../../crates/sdk/python/plumbline/stage_tests.py
