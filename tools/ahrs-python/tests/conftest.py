@@ -85,7 +85,7 @@ class System:
 @pytest.fixture(scope="session")
 def simulated(plumb: str, tmp_path_factory: pytest.TempPathFactory) -> Iterator[System]:
     """Return a running system with a simulation in real time."""
-    system = System(plumb, tmp_path_factory.mktemp("system"), "sim", "--source", "sim:s1?duration_s=600")
+    system = System(plumb, tmp_path_factory.mktemp("system"), "sim", "--source", "sim:s1")
     system.subscriber().close()
     yield system
     system.stop()
