@@ -189,11 +189,18 @@ def test_damaged_recording_names_line_and_user_path(tmp_path: Path) -> None:
         plumbline_ahrs.read()
 
 
-def test_other_threads_run_while_a_recording_is_read() -> None:
+def turns_during_a_read() -> int:
+    """Return how often this thread ran while another one read a recording."""
     worker = threading.Thread(target=plumbline_ahrs.read, args=(SAMPLE,))
     worker.start()
     turns = 0
     while worker.is_alive():
         turns += 1
         time.sleep(0.0001)
-    assert turns > 1
+    return turns
+
+
+def test_other_threads_run_while_a_recording_is_read() -> None:
+    # With the GIL, this thread runs only before and after the native call. On a busy machine, one
+    # attempt may not suffice.
+    assert any(turns_during_a_read() > 5 for _ in range(200))
