@@ -33,6 +33,7 @@
 //!   margins are in `SAME_FUSER`.
 //! - The margin of the error from the swap on is 0.05° for the level (0.12° for the level of `vqf`)
 //!   and up to 0.25° for the heading, because `wz` hands over an error of 1.6° at one of the swaps.
+//!   After another swap, `wz` alone would have reduced an error that `vqf` keeps.
 //!   The heading of `wz-open`, which is wrong by 13°, has a margin of 0.55°.
 //!
 //! For any other first fuser, on the trials without magnetic disturbance:
@@ -104,7 +105,7 @@ const LIMITS: [(&str, [Errors; 3]); 11] = [
     ("levelling-unified", [degrees(0.05, 0.05), degrees(1.6, 0.0), degrees(0.7, 0.0)]),
     ("levelling-pi", [degrees(0.05, 0.05), degrees(0.05, 0.0), degrees(0.05, 0.0)]),
     ("aided", [degrees(0.05, 0.05), degrees(2.6, 0.0), degrees(1.9, 0.0)]),
-    ("vqf", [degrees(0.12, 0.15), degrees(0.05, 0.25), degrees(0.05, 0.1)]),
+    ("vqf", [degrees(0.12, 0.25), degrees(0.05, 0.25), degrees(0.05, 0.1)]),
 ];
 
 const fn degrees(inclination: f64, total: f64) -> Errors {

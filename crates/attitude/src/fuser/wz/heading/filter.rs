@@ -395,7 +395,7 @@ impl FieldFilter {
     }
 
     /// Limits the variance of a state. Correlations are kept.
-    fn limit_variance(&mut self, i: usize, max_variance: f64) {
+    pub(super) fn limit_variance(&mut self, i: usize, max_variance: f64) {
         if self.p[i][i] > max_variance {
             let scale = libm::sqrt(max_variance / self.p[i][i]);
             self.p[i].iter_mut().for_each(|part| *part *= scale);

@@ -106,6 +106,12 @@ const PROBATION_S: f64 = 10.0;
 const MIN_PROBATION_REJECTION_S: f64 = 2.0;
 /// Standard deviation of the drift rate once the gyro bias has been observed at rest, rad/s.
 const DRIFT_SD_AT_REST_RAD_S: f64 = 6.5e-4;
+/// Standard deviation of the drift rate after a rest of one second, rad/s. Because the gyro bias is
+/// averaged over the rest, its error falls with the square root of the duration.
+const DRIFT_SD_AFTER_1_S_RAD_S: f64 = 1.45e-3;
+/// Standard deviation of the drift rate after a long rest, rad/s: the bias of a moving gyro differs
+/// from its bias at rest.
+const MIN_DRIFT_SD_RAD_S: f64 = 5e-4;
 
 /// Outcome of the hypothesis test for one interval.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -215,6 +221,12 @@ impl HypothesisTest {
     /// Earlier drift does not predict later drift.
     pub(super) fn on_first_rest(&mut self) {
         self.for_each_filter(|filter| filter.reset(BETA, DRIFT_SD_AT_REST_RAD_S));
+    }
+
+    /// Limits the variance of the drift rate after a rest of the given duration.
+    pub(super) fn limit_drift_variance(&mut self, rest_s: f64) {
+        let sd_rad_s = (DRIFT_SD_AFTER_1_S_RAD_S / libm::sqrt(rest_s)).max(MIN_DRIFT_SD_RAD_S);
+        self.for_each_filter(|filter| filter.limit_variance(BETA, sd_rad_s * sd_rad_s));
     }
 
     /// Processes an interval. `variance_ut2` is the variance of its magnetic field on each axis.

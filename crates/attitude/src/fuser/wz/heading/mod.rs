@@ -392,6 +392,7 @@ impl Heading {
             SiteMatch::Revisited if self.hypothesis_test.update_at_rest_site() => {}
             SiteMatch::Revisited | SiteMatch::Current => self.hypothesis_test.store_rest_site(),
         }
+        self.hypothesis_test.limit_drift_variance(self.rest_site.intervals() * interval.duration_s);
     }
 
     /// Initialises the heading with the first magnetic field sample.

@@ -64,6 +64,11 @@ impl Default for RestSite {
 }
 
 impl RestSite {
+    /// Returns the number of intervals of the current rest.
+    pub(super) fn intervals(&self) -> f64 {
+        self.current.intervals
+    }
+
     /// Ends the current rest at the start of a movement. If the rest was long enough for a
     /// decision, its site becomes the previous one.
     pub(super) fn end_rest(&mut self) {
