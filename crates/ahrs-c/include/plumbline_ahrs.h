@@ -366,7 +366,7 @@ typedef uint32_t PlumblineHeadingReference;
 #endif // __cplusplus
 
 /*
- Kind of the rate samples.
+ Relation of a gyro sample to the interval before it.
  */
 enum PlumblineGyroSamples
 #if defined(__cplusplus) || __STDC_VERSION__ >= 202311L
@@ -374,11 +374,11 @@ enum PlumblineGyroSamples
 #endif // defined(__cplusplus) || __STDC_VERSION__ >= 202311L
  {
   /*
-   Means over the intervals of the samples.
+   Mean over the interval.
    */
   PLUMBLINE_GYRO_SAMPLES_MEAN = 0,
   /*
-   Values at the ends of the intervals.
+   Value at the end of the interval.
    */
   PLUMBLINE_GYRO_SAMPLES_INSTANT = 1,
 };
@@ -415,11 +415,11 @@ typedef struct PlumblineParameter {
    */
   char unit[16];
   /*
-   Meaning.
+   Meaning of the parameter.
    */
   char description[512];
   /*
-   Default value.
+   Default value, in the unit of the parameter.
    */
   double default_value;
   /*
@@ -567,8 +567,7 @@ PlumblineStatus plumbline_builder_accel_range_g(struct PlumblineBuilder *builder
 PlumblineStatus plumbline_builder_mag_range_ut(struct PlumblineBuilder *builder, double range_ut);
 
 /*
- Sets the longest interval between samples that is not flagged as a gap, 0.001 to 10 s; default
- 0.1.
+ Sets the interval between samples above which a gap is flagged, 0.001 to 10 s; default 0.1.
  */
 PlumblineStatus plumbline_builder_gap_s(struct PlumblineBuilder *builder, double gap_s);
 
@@ -586,7 +585,8 @@ PlumblineStatus plumbline_builder_declination_deg(struct PlumblineBuilder *build
                                                   double declination_deg);
 
 /*
- Sets the kind of the rate samples: a PlumblineGyroSamples; default mean.
+ Sets whether a gyro sample is the mean over the interval before it or the value at its end: a
+ PlumblineGyroSamples; default mean.
  */
 PlumblineStatus plumbline_builder_gyro_samples(struct PlumblineBuilder *builder, uint32_t kind);
 
@@ -633,7 +633,7 @@ PlumblineStatus plumbline_builder_set_parameter(struct PlumblineBuilder *builder
 size_t plumbline_builder_parameter_count(const struct PlumblineBuilder *builder, uint32_t slot);
 
 /*
- Writes the parameter with this index of the stage in a slot to `parameter`.
+ Writes one parameter of a slot's stage to `parameter`. The index counts from 0.
  */
 PlumblineStatus plumbline_builder_parameter_at(const struct PlumblineBuilder *builder,
                                                uint32_t slot,
@@ -704,8 +704,8 @@ PlumblineStatus plumbline_ahrs_update_at(struct PlumblineAhrs *ahrs,
                                          struct PlumblineAttitude *attitude);
 
 /*
- Processes a gyro and accelerometer sample. The newest magnetic field and fix since the previous sample
- take effect. The arguments are those of plumbline_ahrs_update().
+ Processes a gyro and accelerometer sample. The newest magnetic field and the newest fix stored
+ since the previous sample take effect. The arguments are those of plumbline_ahrs_update().
  */
 PlumblineStatus plumbline_ahrs_update_imu(struct PlumblineAhrs *ahrs,
                                           const double *gyro_rad_s,

@@ -104,7 +104,7 @@ const ZERO_VELOCITY_SD_S: f64 = 1e-4;
 /// Smallest assumed standard deviation of the noise of the levelled force, divided by g.
 const MIN_FORCE_SD: f64 = 1e-3;
 /// Lower limit of the assumed velocity noise (standard deviation) divided by g, s.
-const MIN_VELOCITY_SD_S: f64 = 5e-3;
+const MIN_VELOCITY_SD_S: f64 = 6e-3;
 /// Initial standard deviation of the force innovations after a start.
 const INITIAL_FORCE_INNOVATION_SD: f64 = 0.01;
 /// Initial standard deviation of the force innovations after a hand-over.
