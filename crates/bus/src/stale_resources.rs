@@ -169,9 +169,9 @@ impl SystemName {
         self.entries().into_iter().filter(|path| owned_files::check_owner(path).is_ok()).collect()
     }
 
-    /// Checks that no other user has created a file that the system itself would create or open.
-    /// The names of the other files contain random numbers, and the system creates such a file only
-    /// if it does not exist.
+    /// Checks that no other user has created a file under a fixed name that the system uses.
+    ///
+    /// All other files of the system have random names and are only created if they do not exist.
     pub(crate) fn check_reserved_files(&self) -> Result<(), BusError> {
         let locks = [self.shared_state_path(), self.members_path(), self.root()];
         let observers: Vec<_> = (0..MAX_OBSERVERS).map(|number| self.observer_lock_path(number)).collect();

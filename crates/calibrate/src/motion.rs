@@ -32,8 +32,9 @@ const MAX_WINDOWS: usize = 5_000;
 /// Mean of the forces in a window, in the sensor axes at the start of the window.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) struct MeanForce {
-    /// Means of R f_x, R f_y and R f_z. If each mean is multiplied by the corresponding column of
-    /// M, the sum of the products is the mean of R M f.
+    /// Means of R f_x, R f_y and R f_z, with the rotation R and the components of the force f. For
+    /// a matrix M with the columns m_x, m_y and m_z, the mean of R M f is
+    /// mean(R f_x) m_x + mean(R f_y) m_y + mean(R f_z) m_z.
     pub(crate) component_means: [Matrix3<f64>; 3],
     /// Mean of the rotation matrix R.
     pub(crate) mean_rotation: Matrix3<f64>,

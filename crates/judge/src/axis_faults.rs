@@ -12,7 +12,7 @@ const ACTIVE_SHARE: f64 = 0.5;
 /// Number of consecutive samples at the extreme value that count as a run. Noise reaches the
 /// extreme in only one sample, or in two if the sensor is read at twice its rate.
 const RUN_LENGTH: u32 = 3;
-/// Minimum number of runs for a diagnosis. A shock causes a single run.
+/// Minimum number of runs at the extreme value for a diagnosis. A shock causes only one.
 const MIN_RUNS: u32 = 3;
 
 /// Monitor of the three axes of one sensor.

@@ -76,8 +76,8 @@ impl Unit {
 /// Returns the unit in which the Earth's magnetic field has about the value `magnitude`, if there
 /// is such a unit.
 pub fn unit_of_earth_field(magnitude: f64) -> Option<&'static str> {
-    /// The Earth's field of 22 to 67 µT, with an allowance for iron. Some units differ by a factor
-    /// of ten. The range spans less than that, so that a magnitude fits only one of them.
+    /// Range of the Earth's magnetic field, 22 to 67 µT, with an allowance for iron. It spans less
+    /// than a factor of ten, which distinguishes units that differ by this factor.
     const EARTH_FIELD_UT: std::ops::Range<f64> = 12.0..110.0;
     let is_field = |unit: Unit| matches!(unit, Unit::Field(factor) if EARTH_FIELD_UT.contains(&(magnitude * factor)));
     UNITS.into_iter().find(|(_, unit)| is_field(*unit)).map(|(name, _)| name)

@@ -39,7 +39,7 @@ const RATE_PER_S: usize = 32 * 1024;
 const MAX_READ_BYTES: usize = 4096;
 /// Pause in reading from a client that has sent too much.
 const DELAY: Duration = Duration::from_millis(100);
-/// Framing of a ping or pong, in bytes: a header of two bytes and a mask of four.
+/// Framing overhead of a ping or pong, in bytes: a header of 2 bytes and a mask of 4.
 const CONTROL_FRAMING_BYTES: usize = 6;
 
 /// Count of the bytes of a client's incomplete message.

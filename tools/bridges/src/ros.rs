@@ -45,7 +45,7 @@ pub enum MessageType {
     DiagnosticArray,
 }
 
-/// ROS node in a domain and a Zenoh session.
+/// Identity of a ROS node: its ROS domain and its Zenoh session.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Node {
     domain: u8,

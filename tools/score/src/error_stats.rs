@@ -203,7 +203,8 @@ impl CircularMean {
         (self.sin, self.cos, self.count) = (self.sin + sin, self.cos + cos, self.count + 1);
     }
 
-    /// Returns the mean in degrees if it is large enough for an offset and the angles vary little.
+    /// Returns the mean, in degrees, if the angles have a constant offset: their mean is large and
+    /// they vary little.
     fn constant_deg(&self) -> Option<f64> {
         let mean_deg = self.sin.atan2(self.cos).to_degrees();
         let length = self.sin.hypot(self.cos) / self.count as f64;

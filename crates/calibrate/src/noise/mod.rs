@@ -359,10 +359,9 @@ impl Forecast {
         Self { total_s: series.rests_s.iter().sum(), interval_s: series.interval_s, doublings: Vec::new() }
     }
 
-    /// Returns the duration, in minutes, of a rest that would determine the coefficient with this
-    /// index.
+    /// Returns for how many minutes the unit must rest to determine the coefficient at this index.
     ///
-    /// Returns `None` if even the longest rest would not determine it.
+    /// Returns `None` if even the longest rest would not be enough.
     fn needed_min(&mut self, coefficients: &Coefficients, index: usize) -> Option<f64> {
         for doubling in 1..=MAX_DOUBLINGS {
             let duration_s = self.total_s * f64::from(1u32 << doubling);

@@ -84,8 +84,7 @@ pub enum Estimate {
     NotDetermined {
         /// Upper limit at a confidence of 95 %.
         below: f64,
-        /// Duration, in minutes, of a rest that would determine a coefficient as large as the
-        /// limit.
+        /// Minutes for which the unit must rest to determine a coefficient as large as the limit.
         ///
         /// `None` if the duration is more than 64 times that of this recording.
         needs_min: Option<f64>,

@@ -24,8 +24,8 @@ const DRAIN_TIMEOUT_STARTING: Duration = Duration::from_secs(15);
 /// Time without output after which missing ticks count as lost although every service runs. It is
 /// added to `silence_s`. The timeout applies only if the source waits for credit.
 const MISSING_TICK_TIMEOUT: Duration = Duration::from_secs(5);
-/// Interval between the extra windows of credit that the source receives while the output waits for
-/// a missing tick. The interval gives subscribers time to catch up.
+/// Interval at which the source receives an extra window of credit while the output waits for a
+/// missing tick. It gives subscribers time to catch up.
 const EXTRA_WINDOW_INTERVAL: Duration = Duration::from_millis(100);
 
 impl Supervision {

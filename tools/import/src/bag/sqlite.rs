@@ -58,7 +58,7 @@ pub(super) struct Cursor {
 /// Rows that are missing or unusable.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub(super) struct Losses {
-    /// Row numbers that are missing. Recorders number rows consecutively from 1.
+    /// Count of missing rows. Recorders number rows consecutively from 1.
     pub(super) missing: u64,
     /// Stray rows. A row is stray if its number does not exceed that of the previous row, or
     /// exceeds that of the last row.

@@ -39,7 +39,7 @@ pub struct Vqf {
     pub(super) velocity_sd_m_s: f64,
     /// Handed-over gyro scale, which is passed on unchanged.
     pub(super) gyro_scale: GyroScale,
-    /// Handed-over hard iron, which is passed on unchanged.
+    /// Hard iron received from the previous fuser and passed on unchanged.
     pub(super) hard_iron: HardIron,
 }
 

@@ -16,7 +16,7 @@ use core::f64::consts::PI;
 const SIGNIFICANT_ACCELERATION_M_S2: f64 = 1.0;
 /// Largest azimuth error inferred from one increment, rad.
 const MAX_AZIMUTH_ERROR_RAD: f64 = 0.3;
-/// Duration of accelerated motion that turns need to determine the azimuth, s.
+/// Duration of accelerated motion after which the turns made determine the azimuth fully, s.
 const FULL_TURNING_S: f64 = 40.0;
 /// Typical wind across the track, m/s.
 const TYPICAL_CROSSWIND_M_S: f64 = 6.0;
