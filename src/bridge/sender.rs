@@ -1,4 +1,4 @@
-//! Forwarding of attitudes in another protocol: arguments, loop and counts.
+//! Forwards attitudes over another protocol: arguments, main loop and message counts.
 
 use std::{collections::VecDeque, fmt, process::ExitCode, thread, time::Duration};
 

@@ -163,8 +163,8 @@ impl SystemName {
         (0..MAX_OBSERVERS).flat_map(|number| pids_with_open(&self.observer_lock_path(number))).collect()
     }
 
-    /// Returns all files and folders of the system. Entries that other users have created under its
-    /// name are not part of it.
+    /// Returns all files and folders of the system, without those that other users have created
+    /// under its name.
     pub(crate) fn files(&self) -> Vec<PathBuf> {
         self.entries().into_iter().filter(|path| owned_files::check_owner(path).is_ok()).collect()
     }
@@ -183,7 +183,7 @@ impl SystemName {
         self.entries().iter().filter(|path| is_reserved(path)).try_for_each(|path| owned_files::check_owner(path))
     }
 
-    /// Returns all files and folders with the name of the system, of any user.
+    /// Returns the files and folders of all users that carry the name of the system.
     fn entries(&self) -> Vec<PathBuf> {
         let prefix = self.prefix();
         let segments = fs::read_dir(SHARED_MEMORY).into_iter().flatten().flatten();

@@ -27,7 +27,7 @@ use crate::{
     interned,
 };
 
-/// Stage that an external program can replace, because its interface consists of numbers.
+/// Stage that an external program can replace, because its inputs and outputs are numbers.
 pub trait HostableStage:
     Stage<Input: FiniteInput, Output: Scalars + Default + Validate, Common: Scalars + Default>
 {

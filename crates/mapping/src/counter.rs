@@ -6,8 +6,7 @@ pub const COUNTER_PERIODS_NS: [i64; 2] = [(1 << 32) * 1_000, (1 << 32) * 1_000_0
 /// Maximum step across the wrap of a counter of unknown period, ns.
 const MAX_WRAP_STEP_NS: i64 = 10_000_000_000;
 
-/// Returns the period of the counter if it has wrapped between `last_ns` and the smaller value
-/// `t_ns`.
+/// Returns the period of the counter if the decrease from `last_ns` to `t_ns` is a wrap.
 ///
 /// `period_ns` is the period if it is known. Otherwise, a wrap of a 32-bit counter of µs or ms is
 /// recognised if the step across it is short enough.

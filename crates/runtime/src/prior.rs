@@ -71,9 +71,9 @@ const SCALE: AgeingModel = AgeingModel { random_walk: 1.2e-6, power_cycle_sd: 0.
 /// would follow a temperature change of a few degrees too slowly.
 const MIN_SCALE_SD: f64 = 0.002;
 
-/// Plausibility limits of gyro bias and hard iron. Each entry has the quantity, its largest
-/// plausible magnitude, the factor from the unit of the estimate to that of the magnitude, and the
-/// unit of the magnitude. [`Estimate::validate`] limits the gyro scale error.
+/// Plausibility limits of gyro bias and hard iron: quantity, largest plausible magnitude, factor
+/// that converts the estimate to the unit of the magnitude, and that unit. The gyro scale error is
+/// limited by [`Estimate::validate`] instead.
 ///
 /// A larger value comes from a damaged or forged file rather than from a sensor: the zero-rate
 /// level of consumer gyros is within a few °/s, and a magnetic field of 1000 µT is 20 times that of

@@ -90,7 +90,7 @@ pub enum Event {
     FilesUnusable {
         /// One of the removed or damaged files.
         path: PathBuf,
-        /// Fault of the file.
+        /// Kind of damage.
         fault: FileFault,
     },
     /// A new bus exists, in response to [`Action::RenewBus`].

@@ -15,7 +15,7 @@ pub struct VehicleView {
     pub target: Option<Arc<dyn CommandTarget>>,
 }
 
-/// Use of a view. The limit on open views applies to each use separately.
+/// Purpose of a view. Each purpose has its own limit on open views.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 pub enum ViewUse {
     /// Requests for metrics.

@@ -98,7 +98,7 @@ impl SenderDecoders {
         Ok(self.candidates.first().map(|candidate| candidate.text.clone()))
     }
 
-    /// Returns the decoder of a sender, which is created with its first datagram.
+    /// Returns the decoder of a sender. The decoder is created when the first datagram arrives.
     fn candidate(
         &mut self,
         sender: SocketAddr,

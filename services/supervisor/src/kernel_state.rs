@@ -1,4 +1,4 @@
-//! State of a process in the kernel, which explains why the process does not respond.
+//! State of a process as reported by the kernel. It explains why the process does not respond.
 //!
 //! - Input: the entry in `/proc` of a process that this user owns.
 //! - Output: a short text with a part for each thread: name, state letter and the kernel function

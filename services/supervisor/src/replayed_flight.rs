@@ -18,7 +18,7 @@ pub type TakenReadings = Box<dyn Iterator<Item = Result<TakenReading, String>>>;
 pub struct Flight {
     /// Launch configuration of the flight, including the sensor source that it used.
     pub launch: Launch,
-    /// Sample rate in the source's time, Hz.
+    /// Sample rate on the clock of the source, Hz.
     pub rate_hz: f64,
     /// Sensor errors known at the start, from a warm start; `None` after a cold start.
     pub prior: Option<Prior>,

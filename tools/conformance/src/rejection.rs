@@ -148,7 +148,7 @@ fn with_value(mut snapshot: Snapshot, index: usize, value: f64) -> Snapshot {
     with_checksum(snapshot)
 }
 
-/// Returns the snapshot with a matching checksum.
+/// Sets the checksum of a snapshot to that of its contents.
 fn with_checksum(mut snapshot: Snapshot) -> Snapshot {
     snapshot.checksum = snapshot.compute_checksum();
     snapshot

@@ -42,7 +42,7 @@ pub struct Check {
     pub failure: Option<String>,
 }
 
-/// Measured number with its limit.
+/// Measured value and its limit.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct Measurement {
     /// Measured number; `None` if the measured event did not occur.

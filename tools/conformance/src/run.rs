@@ -28,7 +28,7 @@ pub(crate) fn describe_invalid_output<L: SlotSpec, S: SlotStage<L>>(
     Some(format!("{script}, tick {tick}: {error}{failure}"))
 }
 
-/// Stage that has processed the first ticks of a script. Its run can be resumed with every script
+/// Stage that has processed the first ticks of a script. Its run can be continued with any script
 /// that starts with the same ticks.
 ///
 /// A copy of an external stage is another process with the same state. Data that a program keeps

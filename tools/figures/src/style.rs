@@ -38,8 +38,8 @@ pub enum LineStyle {
     Wide,
     /// Cloud of dots instead of a line.
     Dots,
-    /// Dashed line of two pixels. The fields are the lengths of dash and gap along the horizontal
-    /// axis, in pixels.
+    /// Dashed line, two pixels wide. The fields are the lengths of a dash and of a gap along the
+    /// horizontal axis, in pixels.
     Dashed(u32, u32),
 }
 

@@ -1,4 +1,4 @@
-//! Bitwise digest of attitudes, for comparing processors and languages.
+//! Bitwise digest of attitudes. It shows that all processors and languages yield the same bits.
 use plumbline_ahrs::Attitude;
 
 /// FNV-1a hash over 64-bit words.

@@ -77,7 +77,7 @@ const ACCURATE_FUSERS: [&str; 3] = ["wz", "multiple-model", "vqf"];
 /// Margin for a swap from a fuser with a small error, in degrees. It applies to the error over the
 /// whole trial.
 const WHOLE_TRIAL: Errors = degrees(0.05, 0.05);
-/// Margin for a swap to `vqf` from a fuser with a small error, in degrees. It applies to the error
+/// Margin, in degrees, for a swap to `vqf` from a fuser with a small error. It applies to the error
 /// over the whole trial.
 const WHOLE_TRIAL_VQF: Errors = degrees(0.07, 0.1);
 /// Margins for swaps between `wz` and `multiple-model`, in degrees.

@@ -255,7 +255,7 @@ fn timing_notes(timing: &Timing) -> Vec<String> {
 struct Series<'a> {
     rows: &'a [Row],
     rests: &'a [Rest],
-    /// Mean interval between rows in the rests, s.
+    /// Mean interval between the rows recorded at rest, s.
     interval_s: f64,
     rests_s: Vec<f64>,
     /// Intervals τ of the fit, in multiples of `interval_s` and in seconds.

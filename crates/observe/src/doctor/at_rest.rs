@@ -22,7 +22,7 @@ const MAX_RATE_SD_RAD_S: f64 = 0.0175;
 /// Maximum mean rate at rest, rad/s (20 °/s). A larger rate indicates a steady turn or an unusable
 /// gyro.
 const MAX_REST_RATE_RAD_S: f64 = 0.35;
-/// Gyro bias in rad/s above which a warning is reported (2 °/s). Common sensors have a smaller
+/// Gyro bias in rad/s above which a warning is reported (2 °/s). Typical sensors have a smaller
 /// bias.
 const MAX_BIAS_RAD_S: f64 = 0.035;
 /// Minimum number of samples for a check.

@@ -382,7 +382,7 @@ impl Supervision {
         true
     }
 
-    /// Replies to every request in progress that it was aborted for the given reason.
+    /// Aborts every request in progress and replies with the reason.
     pub(crate) fn abort_requests(&mut self, reason: &str) {
         for (id, requester, report) in self.pending.abort_all(reason, &self.output) {
             self.reply(id, requester, report);

@@ -269,7 +269,7 @@ impl ProcessEntry {
         self.owner.as_ref()?.resume_tick
     }
 
-    /// Returns `true` if the service has opened its topics or was given up.
+    /// Returns `true` if the service has opened its topics or will not be started again.
     pub(crate) fn is_settled(&self) -> bool {
         self.given_up || self.health().is_some() || self.has_replacement() && self.candidate_health().is_some()
     }

@@ -92,7 +92,7 @@ impl Transition {
 
 scalars!(Transition: heading_rad, tilt_rad);
 
-/// Returns the fraction of a remaining angle to remove in a tick. `remaining2_rad2` is the square
+/// Returns the fraction of the remaining angle that is removed in one tick. `remaining2_rad2` is the square
 /// of the angle, rad².
 fn blend_gain(remaining2_rad2: f64, dt_s: f64) -> f64 {
     let gain = (dt_s / BLEND_TIME_CONSTANT_S).min(1.0);
