@@ -39,7 +39,7 @@ pub(crate) struct RosSensor {
     /// Topic with rate and force (sensor_msgs/msg/Imu)
     #[arg(long, default_value = "imu/data_raw", value_parser = parse_topic_name)]
     topic: String,
-    /// Topic of the magnetic field (sensor_msgs/msg/MagneticField) [default: none]
+    /// Magnetic field topic (sensor_msgs/msg/MagneticField) [default: none]
     #[arg(long, value_name = "TOPIC", value_parser = parse_topic_name)]
     mag: Option<String>,
 }

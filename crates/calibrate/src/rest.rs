@@ -1,4 +1,4 @@
-//! Detection of rests, and uncertainty of their means.
+//! Detection of periods of rest, and uncertainty of the mean readings in them.
 //!
 //! Readings are grouped into blocks of a quarter of a second. A block is quiet if its standard
 //! deviations of rate and force are at most a few times the 10th percentiles of these deviations

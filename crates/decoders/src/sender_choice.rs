@@ -10,7 +10,7 @@
 
 use std::time::Duration;
 
-/// Time without a measurement after which a chosen sender is no longer chosen.
+/// Time without a measurement after which the choice of a sender lapses.
 pub const SENDER_TIMEOUT: Duration = Duration::from_secs(2);
 
 /// Choice of one sender among several.

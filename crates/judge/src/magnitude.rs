@@ -16,7 +16,8 @@ const PLAUSIBLE_FIELD_UT: std::ops::Range<f64> = 8.0..240.0;
 /// as s, the interval is out of this range for any sensor below 1.7 kHz; if µs are read as s, it is
 /// out of range for every sensor.
 const PLAUSIBLE_INTERVAL_S: std::ops::Range<f64> = 20e-6..0.6;
-/// Ratio of the 90 % to the 10 % quantile of the force above which the body counts as shaken. At
+/// The body counts as shaken if the 90 % quantile of the force exceeds the 10 % quantile by more
+/// than this factor. At
 /// rest the two quantiles differ by less than a tenth.
 const SHAKEN_RATIO: f64 = 3.0;
 /// Bounds of the 10 % and 90 % quantiles relative to the median for a steady force: a body at rest

@@ -173,7 +173,7 @@ pub enum Expected {
 }
 
 impl Expected {
-    /// Returns the description for messages. The unit of a time is not included.
+    /// Returns the description used in messages. For times, it does not include the unit.
     pub fn description(self) -> &'static str {
         match self {
             Self::Number => "a number",

@@ -14,7 +14,7 @@ use std::{
 
 use proc_macro::TokenStream;
 
-/// Reason with which `cargo test` lists an ignored test.
+/// Reason that `cargo test` prints for an ignored test.
 const REASON: &str = "needs recordings; see Suites in CONTRIBUTING.md";
 /// Number of parent folders of a package that are searched for the recordings. The third folder
 /// above `crates/NAME` is the one that contains the workspace.

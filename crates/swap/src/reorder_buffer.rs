@@ -143,8 +143,8 @@ impl<M: Stamped> ReorderBuffer<M> {
         }
     }
 
-    /// Returns `true` if the held messages are so far ahead of the next tick that this tick is
-    /// given up.
+    /// Returns `true` if the held messages are so far ahead that the next tick is no longer
+    /// awaited.
     fn is_overdue(&self) -> bool {
         let Self { backlog_end, patience_ticks, lateness_ticks, .. } = *self;
         let next_tick = self.sequence.next_tick;

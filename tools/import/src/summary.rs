@@ -45,7 +45,7 @@ pub struct Summary {
     pub notes: Vec<Note>,
 }
 
-/// Inertial sensor, magnetometer or receiver of a log.
+/// Inertial sensor, magnetometer or receiver recorded in a log.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Sensor {
     /// Option and number that choose the sensor, such as `--imu 1`.

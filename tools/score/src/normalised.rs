@@ -60,8 +60,8 @@ impl RatioHistogram {
         self.count += other.count;
     }
 
-    /// Returns the ratio that a fraction `coverage` of the samples does not exceed, or `None` if
-    /// the histogram is empty. The ratio is accurate to 1 %.
+    /// Returns the `coverage` quantile of the ratios, or `None` if the histogram is empty. The
+    /// result is accurate to 1 %.
     fn quantile(&self, coverage: f64) -> Option<f64> {
         let rank = (coverage * self.count as f64).ceil().max(1.0) as u64;
         let mut below = 0;

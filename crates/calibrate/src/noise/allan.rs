@@ -66,7 +66,7 @@ pub(super) fn octaves(first_s: f64, interval_s: f64, rests_s: &[f64]) -> Vec<usi
     (0..MAX_INTERVALS).map(multiple).take_while(is_determined).collect()
 }
 
-/// Covariances of Allan variances at several τ as a quadratic form of the coefficients.
+/// Covariances of Allan variances at several τ, as a quadratic form in the coefficients.
 #[derive(Debug, Clone)]
 pub(super) struct Covariances {
     /// Upper triangle, row by row. Each entry has the weights of the products of two coefficients.

@@ -10,7 +10,7 @@ pub(super) const CONFIDENCE: f64 = 0.68;
 /// Result of a noise calibration. Angles are in degrees.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct NoiseReport {
-    /// Kind of the calibration: "noise".
+    /// Kind of calibration: "noise".
     pub kind: &'static str,
     /// Confidence level of the intervals.
     pub confidence: f64,

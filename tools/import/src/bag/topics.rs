@@ -361,7 +361,8 @@ impl<'a> Topics<'a> {
         sensors.collect()
     }
 
-    /// Returns the sensors of a role: magnetometers or receivers. `read` is the topic that is read.
+    /// Returns the sensors in a role, such as magnetometers. The sensor with the topic `read` is
+    /// marked as used.
     pub(super) fn other_sensors(&self, option: &str, role: Role, read: Option<&Topic>) -> Vec<Sensor> {
         let counts = self.counts.iter().filter(|(topic, counts)| topic.kind.role() == role && counts.samples > 0);
         let sensors = counts.enumerate().map(|(number, (topic, counts))| {

@@ -16,17 +16,17 @@ const MAX_TIME_NS: i64 = 9_000_000_000_000_000_000;
 /// Attitude estimator of the autopilot. The variants are in order of preference.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 pub(super) enum Estimator {
-    /// Third extended Kalman filter, logged as a quaternion.
+    /// Attitude of the filter EKF3, logged as a quaternion.
     Ekf3,
-    /// Second extended Kalman filter, logged as a quaternion.
+    /// Attitude of the filter EKF2, logged as a quaternion.
     Ekf2,
-    /// Estimator that was in control of the vehicle, logged as Euler angles.
+    /// Attitude of the estimator that the autopilot used, logged as Euler angles.
     InUse,
-    /// Third extended Kalman filter, logged as Euler angles.
+    /// Attitude of the filter EKF3, logged as Euler angles.
     Ekf3Angles,
-    /// Second extended Kalman filter, logged as Euler angles.
+    /// Attitude of the filter EKF2, logged as Euler angles.
     Ekf2Angles,
-    /// Secondary estimator, which ran in parallel with the estimator that was in control.
+    /// Attitude of the secondary estimator, which ran in parallel with the one that was used.
     Secondary,
 }
 

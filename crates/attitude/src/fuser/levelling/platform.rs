@@ -49,7 +49,7 @@ pub(super) enum LevelUpdate {
     },
 }
 
-/// Platform with the low-pass filter of its force.
+/// Platform, and the low-pass filter of the specific force.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub(super) struct Platform {
     pub(super) attitude: Attitude,

@@ -64,7 +64,7 @@ impl Transition {
         jumps
     }
 
-    /// Moves the output heading towards that of `heading`.
+    /// Moves the heading of the output towards that of the attitude `heading`.
     ///
     /// If `heading` is `None`, the output heading moves towards that of the level stage. Returns
     /// `true` if the heading jumps because the difference is too large.
@@ -92,8 +92,8 @@ impl Transition {
 
 scalars!(Transition: heading_rad, tilt_rad);
 
-/// Returns the fraction of the remaining angle that is removed in one tick. `remaining2_rad2` is the square
-/// of the angle, rad².
+/// Returns the fraction of the remaining angle that is removed in one tick. `remaining2_rad2` is
+/// the square of the angle, rad².
 fn blend_gain(remaining2_rad2: f64, dt_s: f64) -> f64 {
     let gain = (dt_s / BLEND_TIME_CONSTANT_S).min(1.0);
     if remaining2_rad2 * (gain * gain) > MAX_STEP_RAD * MAX_STEP_RAD {

@@ -147,7 +147,7 @@ const BIAS: usize = 2;
 const SCALE: usize = 5;
 /// Index of χ, the velocity caused by the tilt error, divided by g (two axes), s.
 const VELOCITY: usize = 8;
-/// Number of gyro errors, bias and scale of three axes.
+/// Number of gyro errors: a bias and a scale error of each of the three axes.
 const GYRO_ERRORS: usize = 6;
 
 type State = SVector<f64, STATES>;
