@@ -166,7 +166,7 @@ fn router_keeps_vehicles_from_impersonating_each_other() {
         assert_eq!(fuser(&ps(system))[0], "vqf");
         let rejected = run_with_keys(port, &viewer, &["swap", "fuser", "wz", "--remote", vehicle]);
         assert!(
-            rejected.status.code() == Some(1) && stderr(&rejected).contains("takes no command"),
+            rejected.status.code() == Some(1) && stderr(&rejected).contains("accepts no commands"),
             "{}",
             stderr(&rejected)
         );
