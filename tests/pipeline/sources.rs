@@ -357,10 +357,14 @@ fn tcp_lines_are_mapped_with_names_units_and_axes() {
     assert_eq!(run.number("/lost"), 0.0);
 }
 
-/// Returns the variants of text that files may have: a name, the lines before the rows, and the row
-/// with a number, of a level body that rotates at 0.1 rad/s. The time of a row is 5 ms times its
-/// number.
-fn text_variants() -> [(&'static str, Vec<&'static str>, fn(u64) -> String); 7] {
+/// Variant of text: its name, the lines before the rows, and the row with the given number.
+///
+/// The rows are those of a level body that rotates at 0.1 rad/s. The time of a row is 5 ms times
+/// its number.
+type TextVariant = (&'static str, Vec<&'static str>, fn(u64) -> String);
+
+/// Returns variants of text that files may have.
+fn text_variants() -> [TextVariant; 7] {
     fn seconds(n: u64) -> String {
         format!("{}.{:03}", n / 200, n % 200 * 5)
     }

@@ -135,7 +135,7 @@ impl Lines {
     fn next(&mut self) -> Result<Option<(u64, String)>, (Position, ParseError)> {
         loop {
             let next_line = Position::line(self.inner.count() + 1);
-            let line = match self.inner.next() {
+            let line = match self.inner.next_line() {
                 Ok(Some(line)) => line,
                 Ok(None) => return Ok(None),
                 Err(cause) if cause.kind() == io::ErrorKind::UnexpectedEof => {

@@ -67,7 +67,7 @@ impl<R: Read> TextLines<R> {
     /// # Errors
     ///
     /// Returns an error if the line cannot be read. The part before the damage is lost.
-    pub fn next(&mut self) -> io::Result<Option<TextLine<'_>>> {
+    pub fn next_line(&mut self) -> io::Result<Option<TextLine<'_>>> {
         if let Some(error) = self.error.take() {
             return Err(error);
         }

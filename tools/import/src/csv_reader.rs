@@ -305,7 +305,7 @@ impl Lines {
     fn next(&mut self) -> Result<Option<(u64, OwnedLine)>, ImportError> {
         while self.damage.is_none() {
             let next_number = self.inner.count() + 1;
-            let TextLine { number, bytes, is_too_long, has_end } = match self.inner.next() {
+            let TextLine { number, bytes, is_too_long, has_end } = match self.inner.next_line() {
                 Ok(Some(line)) => line,
                 Ok(None) => return Ok(None),
                 Err(cause) => {
