@@ -1,7 +1,7 @@
 //! System tests on real processes.
 //!
-//! They form one executable, so that tests run in parallel and a waiting test leaves its processor
-//! to others.
+//! All tests form one executable, so that they run in parallel and a waiting test leaves its
+//! processor to others.
 #![allow(clippy::unwrap_used, reason = "a test may panic")]
 
 mod common;

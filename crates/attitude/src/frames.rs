@@ -251,11 +251,11 @@ fn name_of<T: PartialEq>(names: &[(&'static str, T)], one: T) -> &'static str {
 
 /// Quaternion b with v_external = b v_native b* for the axes forward, left, up.
 ///
-/// It is a quarter turn about the third axis.
+/// This rotation is a quarter turn about the third axis.
 const FLU_ROTATION: [f64; 4] = [FRAC_1_SQRT_2, 0.0, 0.0, -FRAC_1_SQRT_2];
 /// Quaternion b such that v_external = b v_native b*, for axes forward, right, down.
 ///
-/// It is a half turn about (1, 1, 0).
+/// This rotation is a half turn about (1, 1, 0).
 const FRD_ROTATION: [f64; 4] = [0.0, FRAC_1_SQRT_2, FRAC_1_SQRT_2, 0.0];
 const IDENTITY: [f64; 4] = [1.0, 0.0, 0.0, 0.0];
 

@@ -46,10 +46,10 @@ impl AttitudeError {
     }
 }
 
-/// Returns the signed heading error in degrees, in the interval (−180, 180]. It is positive
+/// Returns the signed heading error in degrees, in the interval (−180, 180], positive
 /// counter-clockwise as seen from above.
 ///
-/// Its absolute value is [`AttitudeError::heading_deg`].
+/// The absolute value is [`AttitudeError::heading_deg`].
 pub fn signed_heading_error_deg(estimate: Quaternion<f64>, truth: Quaternion<f64>) -> f64 {
     let e = estimate * truth.conjugate();
     wrapped_rad(2.0 * libm::atan2(e.k, e.w)).to_degrees()

@@ -39,9 +39,9 @@ const MAX_PUBLISHERS: usize = 6;
 const MAX_SERVICE_SUBSCRIPTIONS: usize = 3;
 /// Maximum number of subscriptions to a topic by processes that are not services.
 ///
-/// They belong to the gateway and a killed predecessor; to the supervisor, its recorder and its
-/// input check; and to the observers. Two are spare. Before an observer attaches, it removes the
-/// subscriptions of killed observers.
+/// The subscribers are the gateway and a killed predecessor, the supervisor with its recorder and
+/// input check, and the observers. Two subscriptions are spare. Before an observer attaches, it
+/// removes the subscriptions of killed observers.
 const MAX_OTHER_SUBSCRIPTIONS: usize = 7 + MAX_OBSERVERS;
 /// Maximum number of publishers of a topic on which every service or every candidate publishes.
 ///

@@ -27,9 +27,8 @@ const POSE_ANGLE_RANGE_DEG: (f64, f64) = (20.0, 150.0);
 /// mounting is reported if it is within this angle. In a named mounting, the axes of the unit are
 /// parallel to those of the body.
 const MAX_NAMED_ANGLE_DEG: f64 = 10.0;
-/// Angle above which a pose is unlikely to be the level one, degrees.
-///
-/// It is the angle between the vertical and the nearest axis of the unit.
+/// Angle between the vertical and the nearest axis of the unit, degrees, above which a pose is
+/// unlikely to be the level one.
 const MAX_LEVEL_AXIS_DEG: f64 = 15.0;
 
 /// Mounting calibrator.
@@ -191,9 +190,8 @@ fn held_share(rest: &Rest) -> f64 {
     (rest.duration_s() / MIN_POSE_S).min(1.0)
 }
 
-/// Returns the standard deviations of the rotations about ξ, η and ζ, degrees.
-///
-/// They are caused by the noise of the pose means.
+/// Returns the standard deviations, in degrees, that the noise of the pose means causes in the
+/// rotations about ξ, η and ζ.
 fn rotation_sd_deg(poses: &Poses, eta: &Vector3<f64>, xi: &Vector3<f64>) -> Vector3<f64> {
     let Poses { level, nose_down } = poses;
     let noise = MeanNoise::from_series(&[&level.forces_m_s2, &nose_down.forces_m_s2]);

@@ -1,7 +1,6 @@
 """Recordings and systems of the tests."""
 
 import os
-import signal
 import subprocess
 import time
 from collections.abc import Iterator
@@ -64,7 +63,7 @@ class System:
 
     def stop(self) -> None:
         """End the system and wait for its end."""
-        self.process.send_signal(signal.SIGINT)
+        self.process.terminate()
         try:
             self.process.wait(LIMIT_S)
         finally:

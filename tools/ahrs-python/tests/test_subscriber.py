@@ -95,7 +95,9 @@ def test_closed_subscriber_frees_its_place(simulated: System) -> None:
 
 def test_interrupt_ends_the_wait(simulated: System) -> None:
     code = (
-        "import sys; from plumbline_ahrs import Subscriber\n"
+        "import signal; from plumbline_ahrs import Subscriber\n"
+        # A shell lets programs in the background ignore the signal.
+        "signal.signal(signal.SIGINT, signal.default_int_handler)\n"
         f"with Subscriber({simulated.name!r}, 'gnss') as subscriber:\n"
         "    print('waiting', flush=True)\n"
         "    next(subscriber)"

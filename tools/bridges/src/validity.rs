@@ -23,8 +23,8 @@ pub enum WithholdReason {
 
 /// Checks that an attitude may be sent.
 ///
-/// It must be aligned and recent, its quaternion must be a rotation, and its angles and rates must
-/// be finite in single precision.
+/// The attitude must be aligned and recent. The quaternion must be a rotation, and the angles and
+/// rates must be finite in single precision.
 ///
 /// # Errors
 ///

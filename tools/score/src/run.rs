@@ -193,8 +193,8 @@ fn names(request: &Request, launches: &[Launch]) -> Vec<String> {
 
 /// Returns an error if an estimate is invalid.
 ///
-/// Its name must be unique and suitable as a file name, its file must be readable, and there must
-/// be only one trial.
+/// The name of an estimate must be unique and suitable as a file name, the file must be readable,
+/// and there must be only one trial.
 fn validate_estimates(request: &Request, launches: &[Launch]) -> Result<(), ScoreError> {
     let mut taken: HashSet<&str> = launches.iter().map(|launch| launch.fuser.stage.as_str()).collect();
     for Estimate { name, file, .. } in &request.estimates {

@@ -241,8 +241,7 @@ impl Setup {
 
     /// Removes the requests and long faults that occur shortly before a stop.
     ///
-    /// They are removed because, after a stop request, the supervisor gives up on services that do
-    /// not respond soon.
+    /// After a stop request, the supervisor gives up on services that do not respond soon.
     fn drop_long_faults_before_stop(&mut self) {
         let Some(stop_ms) = self.stop_ms().filter(|_| self.strict) else { return };
         let is_short = |fault: &Fault| match fault {

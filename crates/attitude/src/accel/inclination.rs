@@ -27,7 +27,7 @@ pub struct Inclination {
     /// Degree to which the force is trusted, 0 to 1.
     ///
     /// The trust is 1 at |f| = g and decreases linearly to 0 at |f| = 0 and at |f| = 2 g or more.
-    /// It is also 0 if `up` was not computed from this force. The trust rates a single instant
+    /// The trust is also 0 if `up` was not computed from this force, and rates a single instant
     /// only. To suppress forces due to motion, averaging works better than rejecting samples with
     /// low trust.
     pub trust: f64,

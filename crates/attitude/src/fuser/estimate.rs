@@ -14,7 +14,7 @@ use crate::{
 
 /// Random walk of a gyro bias that is not being estimated, rad/s/√s.
 ///
-/// It corresponds to a drift of 0.1 °/s while a consumer MEMS gyro warms up for an hour.
+/// The value corresponds to a drift of 0.1 °/s while a consumer MEMS gyro warms up for an hour.
 pub const BIAS_WALK_RAD_S: f64 = 3e-5;
 
 /// State that one fuser hands over to another.

@@ -33,7 +33,7 @@ const MAX_INTERVAL_S: f64 = 0.5;
 const MAX_CHANGE_FRACTION: f64 = 0.5;
 /// Minimum change of the magnetic field by which a real rotation is recognised, µT.
 ///
-/// It is several times the noise of a magnetometer.
+/// The threshold is several times the noise of a magnetometer.
 const MIN_FIELD_CHANGE_UT: f64 = 2.0;
 /// Time without movement after which a large mean rate is accepted as a bias in any case, s.
 ///

@@ -160,9 +160,7 @@ impl Errors {
     }
 }
 
-/// Results of one fuser that runs over the whole trial.
-///
-/// They are its state at the swap and its errors before and after the swap.
+/// State at the swap, and errors before and after it, of one fuser that runs over the whole trial.
 struct SoloRun {
     name: &'static str,
     at_swap: Fuser,

@@ -13,12 +13,12 @@ use crate::{
 /// Longest time without output once the source has ended. After that, the remaining ticks are given
 /// up.
 ///
-/// It is long enough for a killed or hung service to be restarted.
+/// This time is long enough for a killed or hung service to be restarted.
 const DRAIN_TIMEOUT: Duration = Duration::from_secs(2);
 /// Value used instead of [`DRAIN_TIMEOUT`] while a service is starting and no shutdown was
 /// requested.
 ///
-/// It is longer than any service takes to start.
+/// No service takes this long to start.
 const DRAIN_TIMEOUT_STARTING: Duration = Duration::from_secs(15);
 
 /// Time without output after which missing ticks count as lost although every service runs. It is

@@ -13,8 +13,8 @@ pub(super) const MAX_FORCE_M_S2: f64 = 500.0;
 pub(super) const MAX_RATE_RAD_S: f64 = 100.0;
 /// Smallest standard deviation of the inclination, rad.
 ///
-/// It is the tilt due to the bias of a consumer accelerometer, 0.02 m/s², which levelling cannot
-/// observe.
+/// Levelling cannot observe the bias of a consumer accelerometer, 0.02 m/s², which causes this
+/// tilt.
 pub(super) const MIN_INCLINATION_SD_RAD: f64 = 0.002;
 
 /// Returns the length of the tick's interval, s.

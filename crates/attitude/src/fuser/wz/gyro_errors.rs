@@ -75,7 +75,7 @@ const MAX_SCALE_SD: f64 = 0.002;
 const MAX_SCALE: f64 = 0.01;
 /// Additional random walk of the bias per unit of rate, 1/√s.
 ///
-/// It models the effect of misaligned axes at a changing rate.
+/// This random walk models the effect of misaligned axes at a changing rate.
 const BIAS_WALK_PER_RATE: f64 = 2e-5;
 /// Random walk of the scale error, 1/√s. It models the effect of a few degrees of warming in an
 /// hour.
@@ -180,9 +180,7 @@ struct Prediction {
 /// Result of an update.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct UpdateOutcome {
-    /// Error of the loop that remains to be corrected.
-    ///
-    /// It is the accumulated effect of the gyro errors and of the initial level error.
+    /// Remaining error of the loop, accumulated from the gyro errors and the initial level error.
     pub(super) error: LoopError,
     /// Horizontal force divided by g, without the part that the estimated tilt error causes.
     pub(super) acceleration: Complex<f64>,
@@ -433,8 +431,8 @@ impl GyroErrorFilter {
 
     /// Returns the variance of the bias about the vertical, rad²/s².
     ///
-    /// It is the sum of the variances about all axes minus the variances about the two horizontal
-    /// axes.
+    /// This variance is the trace of the covariance of the bias minus the variances about the two
+    /// horizontal axes.
     #[inline]
     pub(super) fn vertical_bias_variance(&self) -> f64 {
         let sum: f64 = (BIAS..SCALE).map(|i| self.covariance[(i, i)]).sum();

@@ -209,8 +209,8 @@ impl Level {
 
     /// Returns the tilt applied by the leaky velocity since the last call, rad.
     ///
-    /// It follows from the integral of V, which is T1 (∫h dt − ΔV). The call also normalises the
-    /// azimuth.
+    /// The tilt follows from the integral of V, which is T1 (∫h dt − ΔV). The call also normalises
+    /// the azimuth.
     pub(super) fn take_tilt_correction(&mut self, force_dt_m_s: Complex<f64>) -> Complex<f64> {
         self.azimuth *= 1.5 - 0.5 * self.azimuth.norm_sqr();
         let change_m_s = self.velocity_m_s - self.last_velocity_m_s;

@@ -7,7 +7,7 @@ use attitude::Vector3;
 
 /// Name of the topic with the gyro and accelerometer samples.
 ///
-/// Its samples start with timestamp (u64, µs), gyro_rad (3 × f32), two values of 4 bytes each and
+/// A sample starts with timestamp (u64, µs), gyro_rad (3 × f32), two values of 4 bytes each and
 /// accelerometer_m_s2 (3 × f32).
 const TOPIC: &[u8] = b"sensor_combined";
 const HEADER_BYTES: usize = 16;

@@ -40,7 +40,7 @@ pub(super) struct Heading {
     pub(super) known: bool,
     /// Standard deviation of the azimuth without the effect of the crab angle, rad.
     ///
-    /// It is π while the azimuth is unknown.
+    /// While the azimuth is unknown, the value is π.
     drift_sd_rad: f64,
     /// Total duration of the accelerated motion from which the azimuth has been corrected, s. It is
     /// limited to [`FULL_TURNING_S`].

@@ -43,7 +43,7 @@ const MAX_UNEXPLAINED_M_S2: f64 = 2.0;
 impl LevellingPi {
     /// Propagates the uncertainties over one interval.
     ///
-    /// They grow by the random walk of the bias and by the azimuth drift due to the bias.
+    /// The random walk of the bias and the azimuth drift due to the bias increase them.
     pub(super) fn advance(&mut self, dt_s: f64) {
         let variance = self.bias_variance_rad2_s2 + BIAS_RANDOM_WALK_RAD_S * BIAS_RANDOM_WALK_RAD_S * dt_s;
         self.bias_variance_rad2_s2 = variance.min(UNKNOWN_BIAS_SD_RAD_S * UNKNOWN_BIAS_SD_RAD_S);

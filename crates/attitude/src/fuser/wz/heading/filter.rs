@@ -86,7 +86,7 @@ const VIBRATION_DRIFT_WALK_RAD_S: f64 = 2.2e-4;
 const SCALE_SD_FACTOR: f64 = 1.5;
 /// Floor of the largest standard deviation of the gyro scale error κ.
 ///
-/// It applies even if the level filter's standard deviation of the scale error is zero.
+/// The floor applies even if the level filter's standard deviation of the scale error is zero.
 const SCALE_SD_FLOOR: f64 = 3e-4;
 /// Initial standard deviation of the gyro scale error κ. Data sheets of MEMS gyros allow at most
 /// 0.5 to 1 %.
@@ -114,8 +114,8 @@ const DECAY_PER_ACCELERATION: f64 = 0.15;
 const ACCELERATION_THRESHOLD_M_S2: f64 = 0.3;
 /// Noise on each axis when the field is compared with that of the last rest site, µT.
 const REVISIT_SD_UT: f64 = 0.2;
-/// Gate for the normalised innovation squared when the field is compared with the last rest site.
-/// It is tight because the magnetic field at another site may be similar.
+/// Gate for the normalised innovation squared when the magnetic field is compared with that of the
+/// last rest site. The gate is tight because the field at another site may be similar.
 const REVISIT_GATE: f64 = 4.0;
 /// Lower limit of the magnetometer delay, s.
 const MIN_DELAY_S: f64 = -0.01;

@@ -140,7 +140,7 @@ pub(super) struct HypothesisTest {
     new_field: NewField,
     /// Time for which the main filter M has used the magnetic field while the body turned, s.
     ///
-    /// It is limited to [`WELL_SUPPORTED_S`].
+    /// The time is limited to [`WELL_SUPPORTED_S`].
     supported_s: f64,
     /// Mean square of the main filter's innovations in motion, relative to their predicted
     /// variance.

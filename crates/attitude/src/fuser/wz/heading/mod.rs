@@ -153,7 +153,7 @@ pub(super) struct Heading {
     sd_rad: f64,
     /// Standard deviation of the heading, rad.
     ///
-    /// It includes allowances for a magnetic field that the main hypothesis does not explain.
+    /// Includes allowances for a magnetic field that the main hypothesis does not explain.
     credible_sd_rad: f64,
     /// Standard deviation of the gyro heading's drift rate before the first magnetic field sample,
     /// rad/s.
@@ -214,7 +214,7 @@ impl Heading {
 
     /// Returns the standard deviation of the heading, rad.
     ///
-    /// It includes allowances for a magnetic field that the main hypothesis does not explain.
+    /// Includes allowances for a magnetic field that the main hypothesis does not explain.
     #[inline]
     pub(super) fn credible_sd_rad(&self) -> f64 {
         self.credible_sd_rad

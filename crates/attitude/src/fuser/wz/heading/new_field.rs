@@ -19,7 +19,7 @@ use crate::scalars::scalars;
 const AVERAGING_S: f64 = 10.0;
 /// Largest distance from the mean at which a magnetic field counts as steady, µT.
 ///
-/// It is about two standard deviations of the local disturbance on three axes.
+/// The distance is about two standard deviations of the local disturbance on three axes.
 const MAX_DISTANCE_UT: f64 = 5.0;
 /// Rate at which the counted steady time decreases while the magnetic field is not steady.
 const DECREASE_PER_S: f64 = 2.0;
