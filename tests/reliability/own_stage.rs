@@ -204,6 +204,27 @@ fn program_ends_with_its_service() {
     wait_for("no program to be left", || programs.iter().all(|program| !crate::common::is_alive(*program)));
 }
 
+#[test]
+fn stage_that_missed_input_does_not_take_over() {
+    let system = System::new("buffer_s = 1.5\nlateness_s = 1\n");
+    let command = build_stage(&system, "my-fuser", "python3", "fuser");
+    system.append_launch(&format!("{SIM}[stages.my-fuser]\nslot = \"fuser\"\ncommand = {command}\n"));
+    let (program, slow) = (system.path("my-fuser/my_fuser.py"), system.path("slow"));
+    let text = fs::read_to_string(&program).unwrap();
+    // While the file exists, the program takes longer to start than the topics hold.
+    let wait = format!("import os, time\nif os.path.exists({slow:?}): time.sleep(3)\n");
+    fs::write(&program, wait + &text).unwrap();
+    fs::write(&slow, "").unwrap();
+    let running = start_system(&system, &[]);
+    let missed = query(&system, &["swap", "fuser", "my-fuser"]);
+    let reason = missed["reason"].as_str().unwrap_or_default();
+    assert!(missed["outcome"] == "aborted" && reason.contains("ticks of its input"), "{missed}");
+    fs::remove_file(&slow).unwrap();
+    swap_stage(&system, "fuser", "my-fuser");
+    running.interrupt();
+    running.wait().assert_complete();
+}
+
 /// Stage program that starts a process in another session and never responds. It writes both
 /// process identifiers to a file.
 const HUNG_PROGRAM: &str = "\

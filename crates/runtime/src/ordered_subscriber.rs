@@ -34,9 +34,6 @@ pub type SlotInputs<I> = Vec<Box<dyn SlotInput<I>>>;
 #[derive(Debug)]
 pub struct OrderedSubscriber<M: Ticked> {
     subscriber: Subscriber<M>,
-    /// Maximum number of messages per read. It equals the capacity of the buffers of all publishers
-    /// together.
-    max_read: usize,
     stream: RefCell<OrderedStream<M>>,
 }
 
@@ -48,7 +45,11 @@ pub struct OrderedSubscriber<M: Ticked> {
 #[derive(Debug, Clone)]
 pub struct OrderedStream<M> {
     reorder_buffer: ReorderBuffer<M>,
+    /// Messages that have been read but not delivered yet.
     staged: VecDeque<M>,
+    /// Maximum number of staged messages, which is the capacity of the buffers of all publishers
+    /// together.
+    capacity: usize,
 }
 
 impl<M: Ticked> OrderedStream<M> {
@@ -64,22 +65,24 @@ impl<M: Ticked> OrderedStream<M> {
         };
         let mut reorder_buffer = ReorderBuffer::new(next_tick, FIRST_EPOCH, lateness_ticks);
         reorder_buffer.expect_backlog(backlog_end, patience_ticks.max(lateness_ticks));
-        Self { reorder_buffer, staged: VecDeque::new() }
+        Self { reorder_buffer, staged: VecDeque::new(), capacity: MAX_PUBLISHERS * config.buffer_ticks() }
     }
 
-    /// Reads all available messages with `read`, and passes up to `limit` new messages to `take` in
+    /// Reads the available messages with `read`, and passes up to `limit` new messages to `take` in
     /// tick order.
     ///
     /// Repeated messages, for example from a restarted publisher, do not count towards `limit`.
+    /// `read` receives the maximum number of messages to read. It is lower for a service that is
+    /// slower than its input: the service leaves messages on the topic, which overwrites them.
     pub fn advance<E>(
         &mut self,
         limit: usize,
-        read: impl FnOnce(&mut dyn FnMut(M)) -> Result<(), E>,
+        read: impl FnOnce(usize, &mut dyn FnMut(M)) -> Result<(), E>,
         take: &mut dyn FnMut(M),
     ) -> Result<(), E> {
-        let Self { reorder_buffer, staged } = self;
+        let Self { reorder_buffer, staged, capacity } = self;
         let (mut in_order, mut left) = (true, limit);
-        let result = read(&mut |message| {
+        let result = read(capacity.saturating_sub(staged.len()), &mut |message| {
             // A message of the next tick precedes all others, so it is delivered without staging.
             if staged.is_empty() && left > 0 && message.header().tick == reorder_buffer.sequence().next_tick {
                 left -= 1;
@@ -105,7 +108,7 @@ impl<M: Ticked> OrderedStream<M> {
 
     /// Delivers all held messages, because no more will arrive.
     pub fn finish(&mut self, take: &mut dyn FnMut(M)) {
-        let Self { reorder_buffer, staged } = self;
+        let Self { reorder_buffer, staged, .. } = self;
         staged.drain(..).for_each(|message| reorder_buffer.offer(message, &mut |message, _| take(message)));
         reorder_buffer.finish(&mut |message, _| take(message));
     }
@@ -124,9 +127,8 @@ impl<M: Ticked> OrderedStream<M> {
 impl<M: Ticked> OrderedSubscriber<M> {
     /// Creates a subscriber that starts at `next_tick`.
     pub fn new(subscriber: Subscriber<M>, next_tick: u64, config: &ServiceConfig) -> Self {
-        let max_read = MAX_PUBLISHERS * config.buffer_ticks();
         let stream = OrderedStream::new(next_tick, subscriber.next_tick(), config);
-        Self { subscriber, max_read, stream: RefCell::new(stream) }
+        Self { subscriber, stream: RefCell::new(stream) }
     }
 
     /// Delivers all held messages, because no more will arrive.
@@ -137,8 +139,8 @@ impl<M: Ticked> OrderedSubscriber<M> {
 
 impl<I: From<M>, M: Ticked> SlotInput<I> for OrderedSubscriber<M> {
     fn drain(&self, limit: usize, take: &mut dyn FnMut(I)) -> Result<bool, BusError> {
-        let read = |stage: &mut dyn FnMut(M)| self.subscriber.drain(self.max_read, stage);
         let mut stream = self.stream.borrow_mut();
+        let read = |count, stage: &mut dyn FnMut(M)| self.subscriber.drain(count, stage);
         stream.advance(limit, read, &mut |message| take(message.into()))?;
         Ok(stream.has_staged())
     }
@@ -183,17 +185,23 @@ mod tests {
 
     use super::*;
 
-    #[test]
-    fn repeated_ticks_do_not_count_towards_read_limit() {
-        let mut stream =
-            OrderedStream { reorder_buffer: ReorderBuffer::new(40, FIRST_EPOCH, 10), staged: VecDeque::new() };
-        let step = |tick| GyroStep {
+    fn stream(next_tick: u64, capacity: usize) -> OrderedStream<GyroStep> {
+        let reorder_buffer = ReorderBuffer::new(next_tick, FIRST_EPOCH, 10);
+        OrderedStream { reorder_buffer, staged: VecDeque::new(), capacity }
+    }
+
+    fn step(tick: u64) -> GyroStep {
+        GyroStep {
             header: Header { tick, epoch: FIRST_EPOCH, incarnation: 7, ..bytemuck::Zeroable::zeroed() },
             ..bytemuck::Zeroable::zeroed()
-        };
-        let mut received = Vec::new();
+        }
+    }
+
+    #[test]
+    fn repeated_ticks_do_not_count_towards_read_limit() {
+        let (mut stream, mut received) = (stream(40, 100), Vec::new());
         let mut advance = |ticks: std::ops::Range<u64>| {
-            let read = |stage: &mut dyn FnMut(GyroStep)| -> Result<(), BusError> {
+            let read = |_, stage: &mut dyn FnMut(GyroStep)| -> Result<(), BusError> {
                 ticks.map(step).for_each(stage);
                 Ok(())
             };
@@ -201,5 +209,19 @@ mod tests {
         };
         assert!(advance(0..60) && advance(60..60));
         assert_eq!(received, Vec::from_iter(40..56));
+    }
+
+    #[test]
+    fn stream_that_falls_behind_stages_limited_messages() {
+        let (mut stream, mut source, mut received) = (stream(0, 100), (0..).map(step), 0);
+        for _ in 0..1000 {
+            let read = |count, stage: &mut dyn FnMut(GyroStep)| -> Result<(), BusError> {
+                source.by_ref().take(count).for_each(stage);
+                Ok(())
+            };
+            assert!(stream.advance(8, read, &mut |_| received += 1).is_ok());
+            assert!(stream.staged.len() <= 100, "{}", stream.staged.len());
+        }
+        assert_eq!(received, 8000);
     }
 }

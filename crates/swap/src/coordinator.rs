@@ -11,7 +11,7 @@ mod state;
 
 use crate::{
     OwnershipDecision, OwnershipStatus,
-    event::{Action, Event, FailureReason, Request, SwapLimits, SwapOutcome},
+    event::{Action, Event, FailureReason, Progress, Request, SwapLimits, SwapOutcome},
 };
 
 use state::Swap;
@@ -28,6 +28,8 @@ pub struct Coordinator {
     from_tick: u64,
     active: Option<u32>,
     status: Option<OwnershipStatus>,
+    /// Progress of the active stage.
+    progress: Progress,
     /// Epoch of the last decision that the active stage has confirmed.
     active_epoch: u32,
     checkpoint_tick: u64,
@@ -51,6 +53,7 @@ impl Coordinator {
             from_tick: 0,
             active: Some(active),
             status: None,
+            progress: Progress::default(),
             active_epoch: epoch,
             checkpoint_tick: 0,
             newest_input_tick: 0,
@@ -105,7 +108,7 @@ impl Coordinator {
             Event::Request(request) => self.start(now_ms, request, actions),
             Event::Restarted { incarnation } => {
                 (self.active, self.status, self.active_epoch) = (Some(incarnation), None, self.epoch);
-                self.vacant = false;
+                (self.progress, self.vacant) = (Progress::default(), false);
             }
             Event::Vacated => {
                 self.vacant = true;
@@ -126,14 +129,14 @@ impl Coordinator {
                 }
             }
             Event::Exited { incarnation } => self.on_exited(now_ms, incarnation, actions),
-            Event::Health { incarnation, status, invalid_output } => {
+            Event::Health { incarnation, status, progress, invalid_output } => {
                 if self.active == Some(incarnation) {
                     if status.decided_epoch == self.epoch && !status.missed {
                         self.active_epoch = self.epoch;
                     }
-                    self.status = Some(status);
+                    (self.status, self.progress) = (Some(status), progress);
                 } else if let Some(swap) = self.swap.as_mut().filter(|swap| swap.candidate == Some(incarnation)) {
-                    swap.status = Some(status);
+                    (swap.status, swap.progress) = (Some(status), progress);
                     if invalid_output {
                         self.abort(now_ms, FailureReason::InvalidOutput, actions);
                     }
@@ -146,9 +149,10 @@ impl Coordinator {
                 self.abort(now_ms, FailureReason::SpawnFailed { cause }, actions);
             }
             Event::Promote { deadline_ms } => {
-                let shadow_ms = self.limits.shadow_ms;
+                let (shadow_ms, missed_ticks) = (self.limits.shadow_ms, self.missed_ticks());
                 if let Some(swap) = self.swap.as_mut().filter(|swap| swap.request.shadow_only) {
                     (swap.request.shadow_only, swap.request.deadline_ms) = (false, deadline_ms);
+                    swap.accepted_missed_ticks = missed_ticks;
                     if swap.state == SwapState::Shadowing {
                         swap.state_since_ms = now_ms.saturating_sub(shadow_ms);
                     }
@@ -248,10 +252,14 @@ impl Coordinator {
         let limits = self.limits;
         let lag_ticks = self.lag_ticks();
         let behind_ticks = self.status.map_or(0, |active| self.newest_input_tick.saturating_sub(active.next_tick));
+        let missed_ticks = self.missed_ticks();
         let caught_up = lag_ticks.is_some_and(|lag| lag <= limits.max_lag_ticks);
         // Until the slot has produced its first tick, no tick can be chosen for the hand-over.
         let has_ticked = self.status.is_some_and(|active| active.next_tick > 0);
         let Some(swap) = &mut self.swap else { return };
+        // The active stage may still skip the same ticks if the candidate is ahead of it.
+        let has_missed = missed_ticks > swap.accepted_missed_ticks && !swap.request.shadow_only;
+        let is_unfit = has_missed && swap.progress.next_tick <= self.progress.next_tick;
         if matches!(swap.state, SwapState::CatchingUp | SwapState::Shadowing) && !has_ticked {
             swap.state_since_ms = now_ms;
             if now_ms >= swap.request.deadline_ms {
@@ -262,6 +270,9 @@ impl Coordinator {
         let waited_ms = now_ms.saturating_sub(swap.state_since_ms);
         match swap.state {
             SwapState::Idle => {}
+            SwapState::CatchingUp | SwapState::Shadowing if is_unfit => {
+                self.abort(now_ms, FailureReason::InputMissed { ticks: missed_ticks }, actions);
+            }
             SwapState::Starting if waited_ms >= limits.ready_timeout_ms => {
                 self.abort(now_ms, FailureReason::NotReady { ready_timeout_ms: limits.ready_timeout_ms }, actions);
             }
@@ -272,10 +283,15 @@ impl Coordinator {
             }
             SwapState::CatchingUp => {}
             SwapState::Shadowing if swap.request.shadow_only || waited_ms < limits.shadow_ms => {}
-            SwapState::Shadowing if caught_up && behind_ticks <= limits.max_lag_ticks => self.arm(now_ms, actions),
+            SwapState::Shadowing if !has_missed && caught_up && behind_ticks <= limits.max_lag_ticks => {
+                self.arm(now_ms, actions)
+            }
             SwapState::Shadowing if waited_ms >= limits.shadow_ms + limits.catch_up_timeout_ms => {
-                let active_behind = FailureReason::ActiveBehind { lag_ticks: behind_ticks };
-                let reason = if caught_up { active_behind } else { FailureReason::NotCaughtUp { lag_ticks } };
+                let reason = match caught_up {
+                    false => FailureReason::NotCaughtUp { lag_ticks },
+                    true if has_missed => FailureReason::InputMissed { ticks: missed_ticks },
+                    true => FailureReason::ActiveBehind { lag_ticks: behind_ticks },
+                };
                 self.abort(now_ms, reason, actions);
             }
             SwapState::Shadowing => {}
@@ -295,6 +311,12 @@ impl Coordinator {
             SwapState::Retiring { .. } => {}
             SwapState::Aborting => self.finish_abort(now_ms, waited_ms, actions),
         }
+    }
+
+    /// Returns the number of ticks that the candidate has skipped in addition to those that the
+    /// active stage has reported as skipped.
+    fn missed_ticks(&self) -> u64 {
+        self.swap.as_ref().map_or(0, |swap| swap.progress.lost.saturating_sub(self.progress.lost))
     }
 
     /// Returns the number of ticks by which the candidate lags behind the active stage, if known.

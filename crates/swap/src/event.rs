@@ -96,6 +96,8 @@ pub enum Event {
         incarnation: u32,
         /// Ownership state of the service.
         status: OwnershipStatus,
+        /// Ticks that the service has computed and skipped.
+        progress: Progress,
         /// `true` if the service has returned an invalid output: NaN, infinity, or an invalid
         /// state.
         invalid_output: bool,
@@ -130,6 +132,16 @@ pub enum Event {
     },
     /// Time has passed.
     TimePassed,
+}
+
+/// Progress of a service when it reported its health.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub struct Progress {
+    /// Next tick to compute.
+    pub next_tick: u64,
+    /// Number of earlier ticks that were skipped. A service inherits this number with the
+    /// checkpoint from which it resumes.
+    pub lost: u64,
 }
 
 /// Output of the coordinator: a task for the supervisor.
@@ -241,6 +253,11 @@ pub enum FailureReason {
         /// Lag of the candidate behind the active stage, if known.
         lag_ticks: Option<u64>,
     },
+    /// The candidate has skipped ticks that the active stage has processed, so its state is wrong.
+    InputMissed {
+        /// Number of these ticks.
+        ticks: u64,
+    },
     /// The active stage lags behind its input, so that the hand-over would leave a gap.
     ActiveBehind {
         /// Lag of the active stage behind its input.
@@ -292,6 +309,10 @@ impl fmt::Display for FailureReason {
             Self::NotCaughtUp { lag_ticks: Some(lag_ticks) } => write!(
                 f,
                 "the new stage is {lag_ticks} ticks behind and slower than its input; `plumb top` shows the load of the machine"
+            ),
+            Self::InputMissed { ticks } => write!(
+                f,
+                "the new stage missed {ticks} ticks of its input, because it started or computed more slowly than the topics hold; retry, or raise `buffer_s` in the launch file"
             ),
             Self::ActiveBehind { lag_ticks } => {
                 write!(f, "the active stage is {lag_ticks} ticks behind its input; retry when it has caught up")

@@ -41,7 +41,7 @@ use messages::Ticked;
 use serde::{Deserialize, Serialize};
 
 pub use coordinator::{Coordinator, SwapState};
-pub use event::{Action, Event, FailureReason, Report, Request, SwapLimits, SwapOutcome};
+pub use event::{Action, Event, FailureReason, Progress, Report, Request, SwapLimits, SwapOutcome};
 pub use output_gate::{DecisionResponse, OutputGate};
 pub use reorder_buffer::ReorderBuffer;
 pub use resume::Resume;

@@ -6,7 +6,8 @@ use launch::{Launch, Service, Slot, StageConfig};
 use mapping::names::UnknownName;
 use messages::{EventKind, Health, SystemEvent};
 use swap::{
-    Coordinator, FIRST_EPOCH, FailureReason, OwnershipStatus, Resume, Role, SwapLimits, SwapOutcome, SwapState,
+    Coordinator, FIRST_EPOCH, FailureReason, OwnershipStatus, Progress, Resume, Role, SwapLimits, SwapOutcome,
+    SwapState,
 };
 
 use crate::{
@@ -435,7 +436,9 @@ fn ownership_status(health: &Health, published_tick: u64) -> swap::Event {
         missed: health.missed != 0,
         published_from: Some(health.published_from).filter(|tick| *tick != u64::MAX),
     };
-    swap::Event::Health { incarnation: health.incarnation, status, invalid_output: health.flawed > 0 }
+    let Health { incarnation, next_tick, lost, flawed, .. } = *health;
+    let progress = Progress { next_tick, lost };
+    swap::Event::Health { incarnation, status, progress, invalid_output: flawed > 0 }
 }
 
 #[cfg(test)]

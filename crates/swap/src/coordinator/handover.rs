@@ -45,7 +45,7 @@ impl Coordinator {
         let Some(swap) = &mut self.swap else { return };
         let (Some(previous), Some(candidate)) = (self.active, swap.candidate.take()) else { return };
         (self.active, self.status, self.active_epoch) = (Some(candidate), swap.status, self.epoch);
-        (self.from_tick, self.checkpoint_tick) = (from_tick, 0);
+        (self.progress, self.from_tick, self.checkpoint_tick) = (swap.progress, from_tick, 0);
         swap.enter(SwapState::Committed { previous }, now_ms);
         let (request, took_ms) = (swap.request.clone(), now_ms.saturating_sub(swap.started_ms));
         actions.push(self.report(&request, SwapOutcome::Committed, None, Some(from_tick), took_ms));
@@ -65,6 +65,7 @@ impl Coordinator {
     /// Commits once the new stage has published a new tick and at least `shadow_ms` have passed.
     pub(super) fn confirm_takeover(&mut self, now_ms: u64, waited_ms: u64, actions: &mut Vec<Action>) {
         let Some(swap) = &self.swap else { return };
+        let progress = swap.progress;
         let (Some(newest_tick), Some(candidate)) = (swap.takeover_tick, swap.candidate) else { return };
         let resumed = swap.status.filter(|status| status.next_tick > newest_tick);
         let Some(first_tick) = resumed.and_then(|status| status.published_from) else {
@@ -78,7 +79,7 @@ impl Coordinator {
         }
         let (request, took_ms) = (swap.request.clone(), now_ms.saturating_sub(swap.started_ms));
         (self.active, self.status, self.active_epoch) = (Some(candidate), resumed, self.epoch);
-        (self.checkpoint_tick, self.vacant, self.swap) = (0, false, None);
+        (self.progress, self.checkpoint_tick, self.vacant, self.swap) = (progress, 0, false, None);
         let commit_tick = Some(first_tick.max(newest_tick));
         actions.push(self.report(&request, SwapOutcome::Committed, None, commit_tick, took_ms));
     }

@@ -4,7 +4,10 @@ use core::fmt;
 
 use serde::{Deserialize, Serialize};
 
-use crate::{OwnershipStatus, event::Request};
+use crate::{
+    OwnershipStatus,
+    event::{Progress, Request},
+};
 
 /// State of a swap in a slot.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
@@ -71,6 +74,11 @@ pub(super) struct Swap {
     pub(super) spawn_pending: bool,
     pub(super) candidate: Option<u32>,
     pub(super) status: Option<OwnershipStatus>,
+    /// Progress of the candidate.
+    pub(super) progress: Progress,
+    /// Number of ticks that a shadow had missed when it was promoted. The client has seen the
+    /// resulting difference of the attitudes and accepts it.
+    pub(super) accepted_missed_ticks: u64,
     /// Tick of the hand-over.
     pub(super) from_tick: Option<u64>,
     /// First tick not yet published when the owner exited; `None` while the owner is running.
@@ -88,6 +96,8 @@ impl Swap {
             spawn_pending: true,
             candidate: None,
             status: None,
+            progress: Progress::default(),
+            accepted_missed_ticks: 0,
             from_tick: None,
             takeover_tick: None,
         }

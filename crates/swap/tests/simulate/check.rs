@@ -143,13 +143,14 @@ impl Statistics {
     }
 }
 
-const CASES: [&str; 15] = [
+const CASES: [&str; 16] = [
     "committed",
     "busy",
     "active down",
     "spawn failed",
     "not ready",
     "not caught up",
+    "input missed",
     "active behind",
     "invalid output",
     "candidate exited",
@@ -168,6 +169,7 @@ fn name(reason: &FailureReason) -> &'static str {
         FailureReason::SpawnFailed { .. } => "spawn failed",
         FailureReason::NotReady { .. } => "not ready",
         FailureReason::NotCaughtUp { .. } => "not caught up",
+        FailureReason::InputMissed { .. } => "input missed",
         FailureReason::ActiveBehind { .. } => "active behind",
         FailureReason::InvalidOutput => "invalid output",
         FailureReason::CandidateExited => "candidate exited",

@@ -3,7 +3,7 @@
 
 use std::collections::VecDeque;
 
-use swap::{OutputGate, OwnershipDecision, OwnershipStatus, Stamped};
+use swap::{OutputGate, OwnershipDecision, OwnershipStatus, Progress, Stamped};
 
 use crate::rng::{Link, MAX_DELAY_MS, SimRng};
 
@@ -38,7 +38,7 @@ impl Stamped for Packet {
 #[derive(Debug, Clone, Copy)]
 pub(crate) enum ServiceMessage {
     Ready,
-    Health { status: OwnershipStatus, invalid_output: bool },
+    Health { status: OwnershipStatus, progress: Progress, invalid_output: bool },
     Checkpoint { next_tick: u64 },
 }
 
@@ -70,6 +70,8 @@ pub(crate) struct Process {
     pub(crate) retired: bool,
     pub(crate) hung_until_ms: u64,
     pub(crate) next_tick: u64,
+    /// Number of ticks that the process and its predecessors have skipped.
+    pub(crate) lost: u64,
     pub(crate) decisions: Link<OwnershipDecision>,
     pub(crate) health: Link<ServiceMessage>,
     pub(crate) checkpoints: Link<ServiceMessage>,
@@ -103,6 +105,7 @@ impl Process {
             retired: false,
             hung_until_ms: 0,
             next_tick,
+            lost: 0,
             decisions: Link::new(MAX_DELAY_MS, rng),
             health: Link::new(MAX_DELAY_MS, rng),
             checkpoints: Link::new(MAX_DELAY_MS, rng),
@@ -181,8 +184,8 @@ impl Process {
         if now_ms >= self.last_health_ms + self.behaviour.health_interval_ms {
             self.last_health_ms = now_ms;
             let invalid_output = self.behaviour.invalid_from.is_some_and(|from| self.next_tick > from);
-            let status = self.gate.status();
-            self.health.send(now_ms, rng, ServiceMessage::Health { status, invalid_output });
+            let (status, progress) = (self.gate.status(), Progress { next_tick: self.next_tick, lost: self.lost });
+            self.health.send(now_ms, rng, ServiceMessage::Health { status, progress, invalid_output });
         }
         if self.next_tick >= self.checkpoint_tick + self.behaviour.checkpoint_interval_ticks {
             self.checkpoint_tick = self.next_tick;

@@ -103,7 +103,11 @@ impl World {
                         self.handovers.push((self.owner, commit_tick));
                     }
                     let mut kept = self.checkpoints[&self.owner].clone();
+                    let lost_before = self.processes[self.owner as usize - 1].lost;
                     self.owner = self.coordinator.active().unwrap();
+                    let has_missed = self.processes[self.owner as usize - 1].lost > lost_before;
+                    let is_shadow = self.requests.get(&report.id).is_some_and(|(_, shadow_only)| *shadow_only);
+                    assert!(!has_missed || is_shadow, "committed a stage that missed ticks");
                     let own = self.checkpoints.entry(self.owner).or_default();
                     kept.retain(|tick| own.first().is_none_or(|first| tick < first));
                     own.splice(..0, kept);
@@ -168,19 +172,21 @@ impl World {
         }
         let ready_ms = self.now_ms + self.rng.in_range(0, 30);
         let mut behaviour = Behaviour::healthy(ready_ms, self.scenario.period_ms, &mut self.rng);
+        let mut missed_ticks = 0;
         if self.rng.chance(self.scenario.bad_candidates_per_mille) {
-            match self.rng.in_range(0, 3) {
+            match self.rng.in_range(0, 4) {
                 0 => behaviour.ready_ms = u64::MAX,
                 1 => behaviour.invalid_from = Some(self.next_input + self.rng.in_range(0, 50)),
                 2 => behaviour.ticks_per_10_ms = self.rng.in_range(1, 3),
+                3 if from_tick.is_none() => missed_ticks = self.rng.in_range(1, 20),
                 _ => behaviour.ready_ms += 50,
             }
         }
         let first_tick = match from_tick {
             Some(from_tick) => self.resume_tick(from_tick),
-            None => self.checkpoints[&self.owner].last().copied().unwrap_or(0),
+            None => self.checkpoints[&self.owner].last().copied().unwrap_or(0) + missed_ticks,
         };
-        let incarnation = self.start(stage, first_tick, behaviour, |incarnation, keep| match from_tick {
+        let incarnation = self.start(stage, first_tick, missed_ticks, behaviour, |incarnation, keep| match from_tick {
             Some(from_tick) => OutputGate::owner(incarnation, epoch, from_tick, keep),
             None => OutputGate::candidate(incarnation, epoch, keep),
         });
@@ -206,7 +212,7 @@ impl World {
         let (kept, first_tick) = (self.checkpoints[&self.owner].clone(), self.resume_tick(from_tick));
         let stage = self.stages[&epoch];
         let behaviour = Behaviour::healthy(self.now_ms, self.scenario.period_ms, &mut self.rng);
-        self.owner = self.start(stage, first_tick, behaviour, |incarnation, keep| {
+        self.owner = self.start(stage, first_tick, 0, behaviour, |incarnation, keep| {
             OutputGate::owner(incarnation, epoch, from_tick, keep)
         });
         self.checkpoints.insert(self.owner, kept);
@@ -217,6 +223,7 @@ impl World {
         &mut self,
         stage: u32,
         first_tick: u64,
+        missed_ticks: u64,
         behaviour: Behaviour,
         gate: impl FnOnce(u32, usize) -> OutputGate<crate::process::Packet>,
     ) -> u32 {
@@ -225,6 +232,7 @@ impl World {
         let gate = gate(incarnation, self.scenario.history_ticks);
         let links = std::iter::repeat_n(self.scenario.max_link_delay_ms, self.subscribers.len());
         let mut process = Process::new(incarnation, stage, gate, behaviour, first_tick, links, &mut self.rng);
+        process.lost = missed_ticks + self.processes.get(self.owner as usize - 1).map_or(0, |owner| owner.lost);
         // A process that starts late also receives the earlier decisions.
         for decision in &self.decisions {
             process.decisions.send(self.now_ms, &mut self.rng, *decision);

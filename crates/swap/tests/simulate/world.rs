@@ -196,8 +196,8 @@ impl World {
         for (incarnation, message) in messages {
             match message {
                 ServiceMessage::Ready => self.apply(Event::Ready { incarnation }),
-                ServiceMessage::Health { status, invalid_output } => {
-                    self.apply(Event::Health { incarnation, status, invalid_output })
+                ServiceMessage::Health { status, progress, invalid_output } => {
+                    self.apply(Event::Health { incarnation, status, progress, invalid_output })
                 }
                 ServiceMessage::Checkpoint { next_tick } => self.store_checkpoint(incarnation, next_tick),
             }
