@@ -29,7 +29,7 @@ pub(super) fn wrap(text: &str) -> String {
     wrap_to(text, MAX_COLUMNS)
 }
 
-/// Wraps a text to lines of at most `max_columns`.
+/// Wraps text into lines of at most `max_columns`.
 pub(super) fn wrap_to(text: &str, max_columns: usize) -> String {
     let (mut wrapped, mut columns) = (String::new(), 0);
     for word in text.split_whitespace() {

@@ -51,7 +51,7 @@
 #define PLUMBLINE_FLAG_FORCE_STUCK (1 << 5)
 
 /*
- The specific force is near zero, so that it has no direction. It is not used.
+ The specific force is near zero. It has no direction then, and is not used.
  */
 #define PLUMBLINE_FLAG_FORCE_SMALL (1 << 6)
 
@@ -585,8 +585,8 @@ PlumblineStatus plumbline_builder_declination_deg(struct PlumblineBuilder *build
                                                   double declination_deg);
 
 /*
- Sets whether a gyro sample is the mean over the interval before it or the value at its end: a
- PlumblineGyroSamples; default mean.
+ Sets whether a gyro sample is the mean over the interval before it or the value at its end.
+ `kind` is a PlumblineGyroSamples. The default is the mean.
  */
 PlumblineStatus plumbline_builder_gyro_samples(struct PlumblineBuilder *builder, uint32_t kind);
 

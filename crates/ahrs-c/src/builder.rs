@@ -282,8 +282,8 @@ pub unsafe extern "C" fn plumbline_builder_declination_deg(
     PlumblineStatus::of(builder.and_then(|builder| builder.change(|to| to.declination_deg(declination_deg))))
 }
 
-/// Sets whether a gyro sample is the mean over the interval before it or the value at its end: a
-/// PlumblineGyroSamples; default mean.
+/// Sets whether a gyro sample is the mean over the interval before it or the value at its end.
+/// `kind` is a PlumblineGyroSamples. The default is the mean.
 ///
 /// # Safety
 ///

@@ -19,7 +19,7 @@ pub const PLUMBLINE_FLAG_RATE_STUCK: u64 = 1 << 4;
 /// The accelerometer has repeated the same value for too long; it is considered stuck and not
 /// used.
 pub const PLUMBLINE_FLAG_FORCE_STUCK: u64 = 1 << 5;
-/// The specific force is near zero, so that it has no direction. It is not used.
+/// The specific force is near zero. It has no direction then, and is not used.
 pub const PLUMBLINE_FLAG_FORCE_SMALL: u64 = 1 << 6;
 /// The interval before this sample exceeds the gap limit.
 pub const PLUMBLINE_FLAG_GAP: u64 = 1 << 7;

@@ -34,7 +34,7 @@ flags! {
     /// The accelerometer has repeated the same value for too long; it is considered stuck and not
     /// used.
     FORCE_STUCK = 5 "force-stuck",
-    /// The specific force is near zero, so that it has no direction. It is not used.
+    /// The specific force is near zero. It has no direction then, and is not used.
     FORCE_SMALL = 6 "force-small",
     /// The interval before this sample exceeds the gap limit.
     GAP = 7 "gap",

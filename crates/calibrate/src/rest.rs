@@ -37,7 +37,7 @@ const MAX_BIAS_RAD_S: f64 = 0.35;
 /// Maximum deviation of a block's mean rate from the mean rate of its rest, rad/s. Four standard
 /// deviations of the block's mean are added to this limit.
 const MAX_RATE_DRIFT_RAD_S: f64 = 0.003;
-/// Maximum deviation of a block's mean force from the mean force of its rest, m/s². It corresponds
+/// Maximum deviation of the mean force of a block from that of the whole rest, m/s². It corresponds
 /// to a tilt of 0.3°. Four standard deviations of the block's mean are added to this limit.
 const MAX_FORCE_DRIFT_M_S2: f64 = 0.05;
 

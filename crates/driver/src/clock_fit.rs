@@ -32,7 +32,7 @@ const MAX_CLOCK_DRIFT: f64 = 0.02;
 /// Maximum relative deviation of a sample rate from its nominal value.
 const MAX_RATE_DRIFT: f64 = 0.5;
 /// Discrepancy above which the device's clock counts as reset, ns. It is the difference between the
-/// same interval measured by the two clocks, or between a result and the fitted line. If the
+/// lengths of an interval on the two clocks, or between a result and the fitted line. If the
 /// samples pause for longer than this, the measurement of the sample interval restarts.
 const RESET_THRESHOLD_NS: i64 = 1_000_000_000;
 /// Number of intervals from which the rate of a device without timestamps is measured.

@@ -149,7 +149,7 @@ pub enum Gnss {
 }
 
 keys! {
-    /// Settings of samples published on the bus by another process.
+    /// Settings for samples that another process publishes on the bus.
     pub struct BusSource {
         /// Sample rate. If it is not set, buffers are made for 1000 Hz.
         rate_hz: Option<f64> = None, Optional(RATE_RANGE_HZ), unit "Hz", example "200";

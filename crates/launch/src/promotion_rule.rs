@@ -25,7 +25,7 @@ keys! {
         slot: Slot = Slot::Fuser, one_of(Slot::ALL.map(|slot| (slot.name(), slot)));
         /// Shadow stage that runs in parallel with the stage in the slot.
         stage: StageConfig = StageConfig::new(""), Inline(slot_stage::read_keys);
-        /// Difference between the two attitudes that is measured.
+        /// Measure of the difference between the two attitudes.
         measure: Measure = Measure::Inclination, choice();
         /// Threshold below which the shadow is promoted. 0 disables promotion.
         promote_below_deg: f64 = 0.0, 0.0..=180.0, unit "°", example "0.5";

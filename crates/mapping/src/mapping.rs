@@ -30,7 +30,7 @@ const REQUIRED: [&str; 7] = ["t", "gx", "gy", "gz", "ax", "ay", "az"];
 const REQUIRED_LIVE: [&str; 6] = ["gx", "gy", "gz", "ax", "ay", "az"];
 /// Targets of the reference attitude.
 pub const REFERENCE: [&str; 4] = ["qw", "qx", "qy", "qz"];
-/// Target of the column that is 1 in rows that are scored.
+/// Target of the column that marks scored rows with 1.
 pub const SCORED: &str = "mov";
 const VELOCITY_UP: [&str; 3] = ["ve", "vn", "vu"];
 const VELOCITY_DOWN: [&str; 3] = ["ve", "vn", "vd"];

@@ -123,7 +123,7 @@ mod tests {
         output_flags(service, ticks, Flags::SWAPPED)
     }
 
-    /// Returns each published tick, paired with `true` if it has `flag`.
+    /// Returns each published tick and whether it has `flag`.
     fn output_flags(
         service: &mut SlotService<SingleInputSlot<GyroProcessor>>,
         ticks: std::ops::Range<u64>,

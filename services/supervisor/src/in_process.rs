@@ -137,7 +137,7 @@ impl Samples {
         }
     }
 
-    /// Returns `true` if the samples are computed or read from a file, so that they may be delayed.
+    /// Returns `true` if the samples may be delayed, because they are computed or read from a file.
     fn is_paced(&self) -> bool {
         match self {
             Self::Source { .. } | Self::Flight { .. } => true,

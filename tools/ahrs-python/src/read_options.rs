@@ -40,7 +40,7 @@ pub(crate) fn paths(files: &Bound<'_, PyTuple>) -> PyResult<Vec<PathBuf>> {
     if paths.is_empty() { Err(value_error(ImportError::NoFiles)) } else { Ok(paths) }
 }
 
-/// Events while files are opened.
+/// Events that are logged while files are opened.
 #[derive(Default)]
 pub(crate) struct Log {
     /// Result of the import; `None` if the file is read directly.

@@ -21,7 +21,7 @@ const HALF_FIELD_OF_VIEW_RAD: f64 = 0.7;
 /// Dots per character: horizontal, vertical.
 const DOTS_PER_CHARACTER: [f64; 2] = [2.0, 4.0];
 
-/// Horizon for an up direction. Lengths are in units of half the view height.
+/// Artificial horizon. Lengths are in units of half the view height.
 struct Horizon {
     up: [f64; 3],
 }

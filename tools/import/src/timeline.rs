@@ -246,8 +246,8 @@ impl SegmentChoice {
         })
     }
 
-    /// Returns the index of the first segment, from `from` on, that contains the time `raw_ns`, and
-    /// the offset in ns to add to this time.
+    /// Returns the index of the first segment that contains the time `raw_ns`, and the offset in ns
+    /// to add to this time. The search starts at the segment `from`.
     ///
     /// If `back_ns` is given, the clock has gone back to that time. The result is then a later
     /// segment, or an offset that includes a further wrap of the counter.

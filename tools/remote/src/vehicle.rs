@@ -105,7 +105,7 @@ impl RemoteVehicle {
         self.unreachable_since.get().is_none_or(|since| since.elapsed() < UNREACHABLE_TIMEOUT)
     }
 
-    /// Returns the message printed when the vehicle is given up.
+    /// Returns the message that is printed when the program stops waiting for the vehicle.
     pub fn unreachable_message(&self) -> String {
         format!("vehicle {:?} has been unreachable for {:.0} s", self.name, UNREACHABLE_TIMEOUT.as_secs_f64())
     }

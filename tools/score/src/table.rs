@@ -277,7 +277,7 @@ impl StageScore {
         }
     }
 
-    /// Creates the empty score of an estimate from a file.
+    /// Creates an empty score for an estimate that is read from a file.
     pub(crate) fn from_estimate(name: &str) -> Self {
         Self { fuser: name.into(), ..Self::default() }
     }

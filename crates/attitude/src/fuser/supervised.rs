@@ -53,7 +53,7 @@ pub struct SensorTick {
     pub force_m_s2: Option<Vector3<f64>>,
     /// Inclination from an accelerometer stage; `None` if the force has no direction.
     pub inclination: Option<Inclination>,
-    /// Faults of the specific force.
+    /// Faults detected in the specific force.
     pub force_faults: ForceFaults,
     /// Magnetic field in body axes, µT. Present only for a new sample.
     pub field_ut: Option<Vector3<f64>>,

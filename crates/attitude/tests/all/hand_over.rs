@@ -112,7 +112,7 @@ const fn degrees(inclination: f64, total: f64) -> Errors {
     Errors { inclination, total }
 }
 
-/// Trial as input of the fuser slot, with reference attitudes.
+/// Inputs of the fuser slot in a trial, and the reference attitudes.
 struct Trial {
     inputs: Vec<FuserInput>,
     truths: Vec<Option<Quaternion<f64>>>,

@@ -57,7 +57,7 @@ impl Check {
         Self { check, result: Severity::Ok, found: found.into(), remedy: None }
     }
 
-    /// Creates a check that found a reason for a warning.
+    /// Creates the result of a check that ended with a warning.
     pub fn warning(check: &'static str, found: impl Into<String>, remedy: impl Into<String>) -> Self {
         Self { check, result: Severity::Warning, found: found.into(), remedy: Some(remedy.into()) }
     }

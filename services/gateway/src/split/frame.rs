@@ -12,8 +12,8 @@ use super::record::{Record, index_of, message_header, topics_in};
 
 /// Maximum size of a frame, in bytes.
 pub const MAX_FRAME_BYTES: usize = 1 << 20;
-/// Total size of the records at which a frame is complete, in bytes. The last record may exceed
-/// this size.
+/// Size in bytes that completes a frame. Records are added until their total size reaches it, so a
+/// frame may be larger.
 pub const RECORDS_TARGET_BYTES: usize = 64 * 1024;
 
 /// Header of a frame.

@@ -143,7 +143,7 @@ class Flags(IntFlag):
     FORCE_STUCK = 1 << 5
     """The accelerometer has repeated the same value for too long; it is considered stuck and not used."""
     FORCE_SMALL = 1 << 6
-    """The specific force is near zero, so that it has no direction. It is not used."""
+    """The specific force is near zero. It has no direction then, and is not used."""
     GAP = 1 << 7
     """The interval before this sample exceeds the gap limit."""
     CLOCK_LEAP = 1 << 8

@@ -247,7 +247,7 @@ pub(super) struct ReceiverFields {
     position: PositionFields,
 }
 
-/// Field parsers of latitude, longitude and altitude.
+/// Parsers for the fields with latitude, longitude and altitude.
 enum PositionFields {
     /// Degrees and m, since PX4 1.14.
     Degrees(Vector<f64>),

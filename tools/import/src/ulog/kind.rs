@@ -18,7 +18,7 @@ pub(super) enum Kind {
     RawField,
     Attitude,
     Fix,
-    /// Fix of one of several receivers.
+    /// Fix from one of several receivers.
     RawFix,
     /// Health of all inertial sensors.
     Health,

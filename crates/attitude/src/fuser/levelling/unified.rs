@@ -47,7 +47,7 @@ use crate::{
 settings! {
     /// Settings of `levelling-unified`.
     pub struct UnifiedSettings {
-        /// Time constant of the platform levelled with satellite velocity, 1/(K g).
+        /// Time constant of the platform that is levelled with satellite velocity, 1/(K g).
         time_constant_s: 5.0 in 1.0 .. 1000.0, "s";
         /// Time constant of the platform that is levelled without satellite velocity.
         autonomous_time_constant_s: 60.0 in 1.0 .. 10000.0, "s";

@@ -214,7 +214,7 @@ pub(super) struct GyroErrorFilter {
     tilt_rad: Complex<f64>,
     /// Leaky velocity V divided by g, s.
     velocity_s: Complex<f64>,
-    /// χ, the part of the leaky velocity that was caused by the tilt error, divided by g, s.
+    /// χ, s: the part of the leaky velocity that was caused by the tilt error, divided by g.
     tilt_velocity_s: Complex<f64>,
     covariance: Covariance,
     /// Error of the levelling loop per unit of bias and of scale about each body axis.

@@ -26,7 +26,7 @@ pub(super) const SETS: [Set; 5] = [
     Set { name: "iPhone 5", folder: "phones", prefix: "iphone5_calm", limits_deg: [9.2, 8.7, 2.75] },
 ];
 
-/// A recording of a set.
+/// Recording that belongs to a set.
 pub(super) struct Recording {
     /// Index of the set in [`SETS`].
     pub(super) set: usize,
