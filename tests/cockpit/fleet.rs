@@ -38,7 +38,7 @@ fn all_vehicles_are_listed_and_selected_one_is_shown() {
     page.until("plumb.view() === 'fly' && plumb.state().kind === 'live' && document.getElementById('system').textContent === 'drone'");
     page.key(" ");
     page.until("document.getElementById('state').textContent === 'paused' && plumb.drawn()?.quaternion");
-    let tick = page.number("plumb.data.shown().picture.attitude.header.tick") as u64;
+    let tick = page.number("plumb.data.shown().snapshot.attitude.header.tick") as u64;
     let drawn: Vec<f64> = serde_json::from_value(page.eval("plumb.drawn().quaternion")).unwrap();
     page.shot("fleet-chosen.png");
     page.key("4");
@@ -55,10 +55,10 @@ fn all_vehicles_are_listed_and_selected_one_is_shown() {
     // Fifty vehicles, one without a connection, are summarised, filtered and sorted.
     page.eval(
         "(() => {
-            const [line] = plumb.data.standing.vehicles.filter(({ vehicle }) => vehicle === 'drone');
-            const vehicles = [...Array(50).keys()].map((at) => ({ ...line, vehicle: `drone-${at}`, lives: at !== 30, age_s: 0.5, lost_ticks: 0, lost_messages: 0 }));
-            const standing = { ...plumb.data.standing, vehicles };
-            Object.defineProperty(plumb.data, 'standing', { get: () => standing, set() {} });
+            const [line] = plumb.data.systemStatus.vehicles.filter(({ vehicle }) => vehicle === 'drone');
+            const vehicles = [...Array(50).keys()].map((at) => ({ ...line, vehicle: `drone-${at}`, alive: at !== 30, age_s: 0.5, lost_ticks: 0, lost_messages: 0 }));
+            const systemStatus = { ...plumb.data.systemStatus, vehicles };
+            Object.defineProperty(plumb.data, 'systemStatus', { get: () => systemStatus, set() {} });
         })()",
     );
     page.until("plumb.drawn()?.summary === '50 vehicles: 49 current, 0 old, 1 unreachable; 0 with losses'");

@@ -14,7 +14,7 @@ use super::{
 };
 use crate::common::{System, plumb, signal};
 
-/// Returns the address of the page with a viewer's token.
+/// Returns the address of the page. It contains the token of a viewer.
 pub(crate) fn viewer_address(system: &System, port: u16) -> String {
     let file = system.path("plumbline").join(&system.name).join("cockpit.viewer.token");
     format!("http://127.0.0.1:{port}/#{}", fs::read_to_string(file).unwrap().trim())
@@ -52,7 +52,7 @@ fn parameters_are_shown_and_set_by_operator_only() {
     let outcome = set(&mut page, name, "0.05");
     assert!(outcome.starts_with("committed: fuser: multiple-model → multiple-model from tick"), "{outcome}");
     assert!(outcome.contains("lost 0, duplicated 0"), "{outcome}");
-    let changed = "plumb.data.standing.slots.find(({ slot }) => slot === 'fuser').set";
+    let changed = "plumb.data.systemStatus.slots.find(({ slot }) => slot === 'fuser').set";
     page.until(&format!("{changed}.some(({{ name, value }}) => name === '{name}' && value === 0.05)"));
     page.until(&format!(
         "document.getElementById('swap').disabled && document.getElementById('parameter-{name}').value === '0.05'"

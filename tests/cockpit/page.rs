@@ -112,13 +112,13 @@ fn every_view_shows_published_values() {
         page.key(" ");
         page.until("document.getElementById('state').textContent === 'paused'");
         page.until("plumb.drawn().quaternion");
-        let tick = page.number("plumb.data.shown().picture.attitude.header.tick") as u64;
+        let tick = page.number("plumb.data.shown().snapshot.attitude.header.tick") as u64;
         let drawn: Vec<f64> = serde_json::from_value(page.eval("plumb.drawn().quaternion")).unwrap();
         let pitch_deg = page.number("plumb.drawn().pitch_deg");
         page.key("2");
         page.until("plumb.drawn()?.w");
         let w: Vec<f64> = serde_json::from_value(page.eval("plumb.drawn().w")).unwrap();
-        let w_tick = page.number("plumb.data.shown().picture.fused.header.tick") as u64;
+        let w_tick = page.number("plumb.data.shown().snapshot.fused.header.tick") as u64;
         let width = page.number("document.documentElement.scrollWidth");
         assert!(width <= f64::from(size.0), "horizontal scrolling: {width} px");
         samples.push((tick, drawn, pitch_deg, w_tick, w));
@@ -221,7 +221,7 @@ fn shadow_is_drawn_at_its_reported_difference() {
     page.eval("document.getElementById('stage').value = 'vqf'");
     page.click("#shadow");
     page.click("#yes");
-    page.until("plumb.data.shown().picture.differences.length");
+    page.until("plumb.data.shown().snapshot.differences.length");
     page.key("1");
     page.until("plumb.drawn()?.shadow");
     let drawn = page.eval("plumb.drawn()");
@@ -364,7 +364,7 @@ fn values_and_quaternion_at_cursor_are_copied() {
     let Some(mut page) = Page::open(&address(&system, port)) else { return };
     // The services start one after the other, so the first snapshots have no attitude.
     page.until(
-        "plumb.state().kind === 'live' && plumb.data.frames.length > 100 && plumb.data.shown()?.picture.attitude",
+        "plumb.state().kind === 'live' && plumb.data.frames.length > 100 && plumb.data.shown()?.snapshot.attitude",
     );
     page.key(" ");
     page.until("document.getElementById('state').textContent === 'paused'");
@@ -392,7 +392,7 @@ fn values_and_quaternion_at_cursor_are_copied() {
         values.split(',').nth(place).unwrap().parse::<f64>().unwrap()
     };
     assert_eq!(["qw", "qx", "qy", "qz"].map(column), ours);
-    assert_eq!(column("pitch_rad"), page.number("plumb.data.shown().picture.attitude.pitch_rad"));
+    assert_eq!(column("pitch_rad"), page.number("plumb.data.shown().snapshot.attitude.pitch_rad"));
     assert!(column("force_m_s2_min") <= column("force_m_s2_max"));
     assert_eq!(column("t_s"), page.number("plumb.data.shown().t"));
     page.assert_clean();
@@ -435,10 +435,10 @@ fn cursor_pauses_and_unknown_vehicle_is_reported() {
     // single call, because further snapshots could otherwise arrive in between.
     let hidden = page.eval(
         "(() => {
-            const { data } = plumb, { picture, number } = data.frames.at(-1), gyro = data.newest.gyro;
+            const { data } = plumb, { snapshot, number } = data.frames.at(-1), gyro = data.newest.gyro;
             data.newest.gyro = { ...gyro, header: { ...gyro.header, t_end_ns: 1 } };
-            data.push({ ...picture, gyro: null, number: number + 1, flags: 0, events: [], extremes: [] }, performance.now());
-            return data.frames.at(-1).picture.gyro === undefined;
+            data.push({ ...snapshot, gyro: null, number: number + 1, flags: 0, events: [], extremes: [] }, performance.now());
+            return data.frames.at(-1).snapshot.gyro === undefined;
         })()",
     );
     assert_eq!(hidden, Value::Bool(true));
@@ -507,7 +507,7 @@ fn views_have_addresses_and_fit_small_screens() {
     page.eval("document.getElementById('stage').value = 'vqf'");
     page.click("#shadow");
     page.click("#yes");
-    page.until("plumb.data.shown().picture.differences.length");
+    page.until("plumb.data.shown().snapshot.differences.length");
     let bottom = page.number("document.getElementById('cancel').getBoundingClientRect().bottom");
     let top = page.number("document.getElementById('timeline').getBoundingClientRect().top");
     assert!(bottom < top, "the swap controls end at {bottom} px, below the view, which ends at {top} px");
@@ -629,12 +629,12 @@ fn paused_view_is_kept_and_page_does_not_grow() {
     // Pushes ten minutes of snapshots in one call, so that no other snapshots arrive in between.
     let result = page.eval(
         "(() => {
-            const { data } = plumb, { number, picture } = data.frames.at(-1);
-            const tick = () => data.shown().picture.attitude.header.tick;
+            const { data } = plumb, { number, snapshot } = data.frames.at(-1);
+            const tick = () => data.shown().snapshot.attitude.header.tick;
             const [cursor, before] = [data.cursor, tick()];
             for (let i = 1; i <= 18000; i++) {
-                const header = { ...picture.attitude.header, t_end_ns: picture.attitude.header.t_end_ns + i * 33e6 };
-                data.push({ ...picture, number: number + i, attitude: { ...picture.attitude, header }, flags: 0, events: [], extremes: [] }, performance.now());
+                const header = { ...snapshot.attitude.header, t_end_ns: snapshot.attitude.header.t_end_ns + i * 33e6 };
+                data.push({ ...snapshot, number: number + i, attitude: { ...snapshot.attitude, header }, flags: 0, events: [], extremes: [] }, performance.now());
             }
             const stays = data.cursor === cursor && tick() === before;
             data.step(-1, 0);

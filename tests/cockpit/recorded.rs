@@ -43,9 +43,9 @@ fn recording_seeks_to_known_second() {
         let place = 2.0 / 4.0 * page.number("plumb.data.recording.length");
         page.eval(&format!("plumb.seek({place})"));
         page.until(&format!("plumb.data.position === {} && plumb.drawn()?.quaternion", place.round()));
-        page.until("Math.abs(plumb.data.shown().t - plumb.data.standing.t_first_ns * 1e-9 - 2) < 0.1");
-        let tick = page.number("plumb.data.shown().picture.attitude.header.tick") as u64;
-        page.until("JSON.stringify(plumb.drawn().quaternion) === JSON.stringify(Object.values(plumb.data.shown().picture.attitude.quaternion))");
+        page.until("Math.abs(plumb.data.shown().t - plumb.data.systemStatus.t_first_ns * 1e-9 - 2) < 0.1");
+        let tick = page.number("plumb.data.shown().snapshot.attitude.header.tick") as u64;
+        page.until("JSON.stringify(plumb.drawn().quaternion) === JSON.stringify(Object.values(plumb.data.shown().snapshot.attitude.quaternion))");
         let drawn: Vec<f64> = serde_json::from_value(page.eval("plumb.drawn().quaternion")).unwrap();
         assert_eq!(drawn, row(&out, tick)[1..5], "tick {tick}");
         page.shot("recording.png");

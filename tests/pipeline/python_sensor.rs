@@ -98,10 +98,10 @@ fn python_readings_reach_ingest_bit_for_bit() {
         assert_eq!(sent["t"], received.t_sensor_ns, "a reading is missing");
         assert_eq!(bits(&sent["rate"]), Some(received.rate_rad_s.map(f64::to_bits)));
         assert_eq!(bits(&sent["force"]), Some(received.force_m_s2.map(f64::to_bits)));
-        assert_eq!(bits(&sent["field"]), (received.brings & 1 != 0).then(|| received.field_ut.map(f64::to_bits)));
+        assert_eq!(bits(&sent["field"]), (received.present & 1 != 0).then(|| received.field_ut.map(f64::to_bits)));
     }
     // Ingest combines a fix with the next reading.
-    let is_with_fix = |reading: &&TakenReading| reading.brings & 2 != 0;
+    let is_with_fix = |reading: &&TakenReading| reading.present & 2 != 0;
     let fixes: Vec<_> =
         received.iter().filter(is_with_fix).map(|fix| Some(fix.velocity_m_s.map(f64::to_bits))).collect();
     let velocities: Vec<_> = sent.iter().map(|entry| bits(&entry["velocity"])).filter(Option::is_some).collect();

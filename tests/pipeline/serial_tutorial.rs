@@ -57,7 +57,7 @@ fn source(port: &Path) -> String {
     format!("serial:{}?rate_hz=100&clock=device&{columns}", port.display())
 }
 
-/// Start of a motion relative to `plumb calibrate`.
+/// Order in which a motion and `plumb calibrate` start.
 #[derive(Clone, Copy, PartialEq, Debug)]
 enum Motion {
     First,

@@ -22,8 +22,8 @@ const LEASE_MS: &str = "3000";
 /// Prefix of endpoints with mutual TLS.
 const SECURED_PREFIX: &str = "quic/";
 
-/// Retry intervals in ms of a session that only connects. They are short, because a gateway that is
-/// busy with connections that never become sessions may accept only a later attempt.
+/// Retry intervals in ms of a session that only connects. They are short, because a gateway may
+/// be busy with connections that never become sessions, and accept only a later attempt.
 const RETRY_CONFIG: &str = "{ period_init_ms: 200, period_max_ms: 1000, period_increase_factor: 1.5 }";
 
 /// Endpoints of a session and their security.

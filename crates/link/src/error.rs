@@ -27,7 +27,7 @@ pub enum LinkError {
     /// The endpoint has an IPv6 address, which is not supported over QUIC.
     #[error("connecting to {endpoint}: IPv6 addresses are not supported over QUIC; use a DNS name or an IPv4 address")]
     Ipv6 {
-        /// Endpoint with the address.
+        /// Endpoint that contains the address.
         endpoint: String,
     },
     /// The endpoints or their security settings are invalid.

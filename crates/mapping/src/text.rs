@@ -159,7 +159,7 @@ pub struct Dialect {
 pub enum Expected {
     /// A number.
     Number,
-    /// A number with the decimal mark of the earlier numbers.
+    /// A number with the same decimal mark as the numbers before it.
     Mark {
         /// `true` if the decimal mark is a comma.
         is_comma: bool,

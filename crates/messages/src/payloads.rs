@@ -233,20 +233,20 @@ payload! {
         quaternion: [f64; 4],
         /// Contents: a sum of 1 (magnetic field), 2 (fix), 4 (true attitude) and 8 (estimates are
         /// scored against the true attitude).
-        brings: u32,
+        present: u32,
         /// Incarnation of ingest.
         incarnation: u32,
     }
 }
 
 impl TakenReading {
-    /// Bit of `brings`: the reading has a magnetic field.
+    /// Bit of `present`: the reading has a magnetic field.
     pub const FIELD: u32 = 1;
-    /// Bit of `brings`: the reading has a fix.
+    /// Bit of `present`: the reading has a fix.
     pub const FIX: u32 = 2;
-    /// Bit of `brings`: the reading has the true attitude.
+    /// Bit of `present`: the reading has the true attitude.
     pub const REFERENCE: u32 = 4;
-    /// Bit of `brings`: estimates are scored against the true attitude.
+    /// Bit of `present`: estimates are scored against the true attitude.
     pub const SCORED: u32 = 8;
 }
 
@@ -431,7 +431,7 @@ payload! {
         max_rad: [f64; 3],
         /// Rotation from the owner's to the candidate's attitude at `tick`, w x y z, body axes; NaN
         /// if unknown.
-        turn: [f64; 4],
+        rotation: [f64; 4],
         /// Index of the slot's service: ingest, gyro, accel, fuser, course, gateway.
         service: u32,
         /// Incarnation of the candidate.
@@ -489,7 +489,7 @@ payload! {
         /// First tick published under the decision with this `epoch`; u64::MAX if none.
         published_from: u64,
         /// Number of outputs that were not finite.
-        flawed: u64,
+        invalid_outputs: u64,
         /// CLOCK_MONOTONIC minus the device's clock, ns, if the drivers estimate it.
         clock_offset_ns: i64,
         /// Standard deviation of arrival times from the clock estimate, ns.
@@ -510,7 +510,7 @@ named_values! {
         WARM = 2 "warm",
         /// Every service is running.
         READY = 3 "ready",
-        /// A process has ended; `why` is the reason.
+        /// A process has ended; `reason` is the reason.
         ENDED = 4 "ended",
         /// A service was restarted and resumes at `adopted_tick`.
         RESTARTED = 5 "restarted",
@@ -524,14 +524,14 @@ named_values! {
         /// A stage that is to take over has started. Its initial state is that of the slot before
         /// `adopted_tick`.
         CANDIDATE = 9 "candidate",
-        /// The supervisor decided that `filling` owns the slot from `tick` on; 4294967295 means no
+        /// The supervisor decided that `instance` owns the slot from `tick` on; 4294967295 means no
         /// owner.
         OWNER = 10 "owner",
         /// A request succeeded: the stage owns the slot from `tick` on.
         SWAPPED = 11 "swapped",
-        /// A request was rejected without any change; `why` is the reason.
+        /// A request was rejected without any change; `reason` is the reason.
         REFUSED = 12 "refused",
-        /// A request failed and the slot is unchanged; `why` is the reason.
+        /// A request failed and the slot is unchanged; `reason` is the reason.
         ABORTED = 13 "aborted",
         /// The attitudes of the `ticks` ticks that precede `tick` are missing.
         LOST = 14 "lost",
@@ -542,7 +542,7 @@ named_values! {
         BUS_RENEWED = 16 "bus-renewed",
         /// The system is shutting down and the source publishes no new ticks.
         ENDING = 17 "ending",
-        /// The system has ended; `why` is the reason for an early end.
+        /// The system has ended; `reason` is the reason for an early end.
         FINISHED = 18 "finished",
     }
 }
@@ -553,7 +553,7 @@ payload! {
         /// Number of earlier events of the run.
         number: u64,
         /// Time of the event, CLOCK_MONOTONIC, ns.
-        t_told_ns: u64,
+        t_event_ns: u64,
         /// Tick of the event.
         tick: u64,
         /// Number of ticks.
@@ -570,19 +570,19 @@ payload! {
         epoch: u32,
         /// Sequence number of the stage instance in its slot. The instance from the launch file is
         /// 0; each candidate gets the next number, and a restart keeps it.
-        filling: u32,
+        instance: u32,
         /// Number of the stage instance that the adopted state comes from.
-        adopted_filling: u32,
+        adopted_instance: u32,
         /// 1 if the process replaces one that had ended, else 0.
-        alone: u32,
+        replaces_ended: u32,
         /// 1 if a text was truncated, else 0.
-        cut: u32,
+        truncated: u32,
         /// Name of the stage, padded with zeros.
         stage: [u8; 32],
         /// Settings, `name=1.5 other=2`, padded with zeros.
         settings: [u8; 512],
         /// Reason, for display, padded with zeros.
-        why: [u8; 256],
+        reason: [u8; 256],
     }
 }
 
@@ -599,33 +599,39 @@ impl SystemEvent {
             tick: Self::NONE,
             adopted_tick: Self::NONE,
             service: Self::NONE_U32,
-            filling: Self::NONE_U32,
-            adopted_filling: Self::NONE_U32,
+            instance: Self::NONE_U32,
+            adopted_instance: Self::NONE_U32,
             ..bytemuck::Zeroable::zeroed()
         }
     }
 
     /// Sets the number of the stage instance and the origin of its state.
     ///
-    /// `adopted_tick` and `adopted_filling` identify the checkpoint; `adopted_tick` is `None` for a
-    /// fresh start. `alone` is `true` if the instance replaces one that had ended.
-    pub fn with_instance(self, filling: u32, adopted_tick: Option<u64>, adopted_filling: u32, alone: bool) -> Self {
+    /// `adopted_tick` and `adopted_instance` identify the checkpoint; `adopted_tick` is `None` for
+    /// a fresh start. Pass `true` for `replaces_ended` if the instance replaces one that had ended.
+    pub fn with_instance(
+        self,
+        instance: u32,
+        adopted_tick: Option<u64>,
+        adopted_instance: u32,
+        replaces_ended: bool,
+    ) -> Self {
         let adopted_tick = adopted_tick.unwrap_or(Self::NONE);
-        Self { filling, adopted_tick, adopted_filling, alone: alone.into(), ..self }
+        Self { instance, adopted_tick, adopted_instance, replaces_ended: replaces_ended.into(), ..self }
     }
 
-    /// Sets the name and the settings of a stage. Truncation is recorded in `cut`.
+    /// Sets the name and the settings of a stage. Truncation is recorded in `truncated`.
     pub fn with_stage<'a>(mut self, stage: &str, settings: impl IntoIterator<Item = (&'a str, f64)>) -> Self {
-        self.cut |= u32::from(!write_text(&mut self.stage, stage));
+        self.truncated |= u32::from(!write_text(&mut self.stage, stage));
         // `{:?}` prints the fewest digits that parse to the same number.
         let settings = settings.into_iter().map(|(name, value)| format!("{name}={value:?}"));
-        self.cut |= u32::from(!write_text(&mut self.settings, &settings.collect::<Vec<_>>().join(" ")));
+        self.truncated |= u32::from(!write_text(&mut self.settings, &settings.collect::<Vec<_>>().join(" ")));
         self
     }
 
-    /// Sets the reason. Truncation is recorded in `cut`.
+    /// Sets the reason. Truncation is recorded in `truncated`.
     pub fn with_reason(mut self, reason: &str) -> Self {
-        self.cut |= u32::from(!write_text(&mut self.why, reason));
+        self.truncated |= u32::from(!write_text(&mut self.reason, reason));
         self
     }
 
@@ -643,12 +649,12 @@ impl SystemEvent {
     pub fn settings(&self) -> Option<Vec<(&str, f64)>> {
         let parts = self.settings_text().split_whitespace();
         let pairs = parts.map(|part| part.split_once('=').and_then(|(name, value)| Some((name, value.parse().ok()?))));
-        pairs.collect::<Option<_>>().filter(|_| self.cut == 0)
+        pairs.collect::<Option<_>>().filter(|_| self.truncated == 0)
     }
 
     /// Returns the reason.
     pub fn reason(&self) -> &str {
-        padded_text(&self.why)
+        padded_text(&self.reason)
     }
 }
 
@@ -710,7 +716,7 @@ mod tests {
             "lost_upstream",
             "quaternion",
             "jump",
-            "turn",
+            "rotation",
             "w",
             "p",
             "s",
@@ -724,7 +730,7 @@ mod tests {
             "from_tick",
             "missed",
             "published_from",
-            "flawed",
+            "invalid_outputs",
             "owner",
             "checksum",
             "stage",
@@ -736,15 +742,15 @@ mod tests {
             "reserved",
             "words",
             "number",
-            "brings",
+            "present",
             "adopted_tick",
             "kind",
-            "filling",
-            "adopted_filling",
-            "alone",
-            "cut",
+            "instance",
+            "adopted_instance",
+            "replaces_ended",
+            "truncated",
             "settings",
-            "why",
+            "reason",
         ];
         for layout in layouts() {
             for field in layout.fields {

@@ -216,7 +216,7 @@ mod tests {
         let event = messages::SystemEvent::new(messages::EventKind::ENDED).with_reason("\x1b[2J\nforged");
         let record = DecodedMessage::decode(&messages::SystemEvent::layout(), bytemuck::bytes_of(&event)).unwrap();
         assert!(record.to_string().contains(r"\u{1b}[2J\nforged"), "{record}");
-        assert_eq!(record.to_json()["why"], "\x1b[2J\nforged");
+        assert_eq!(record.to_json()["reason"], "\x1b[2J\nforged");
     }
 
     #[test]

@@ -114,7 +114,7 @@ impl Schedule {
     /// Records an owner change, which replaces all earlier decisions about its tick and later
     /// ticks.
     fn on_owner(&mut self, slot: Slot, event: &SystemEvent) {
-        if event.filling == SystemEvent::NONE_U32 {
+        if event.instance == SystemEvent::NONE_U32 {
             return self.add_warning(event.tick, &format!("the slot `{slot}` had no owner"));
         }
         let last_tick = self.slot(slot).and_then(|own| own.owner_changes.last()).map(|change| change.from_tick);
@@ -124,8 +124,8 @@ impl Schedule {
         }
         let schedule = self.slots.entry(slot).or_default();
         schedule.owner_changes.retain(|change| change.from_tick < event.tick);
-        schedule.owner_changes.push(OwnerChange { from_tick: event.tick, instance: event.filling });
-        if event.filling == 0 {
+        schedule.owner_changes.push(OwnerChange { from_tick: event.tick, instance: event.instance });
+        if event.instance == 0 {
             return;
         }
         let Some(settings) = event.settings() else {
@@ -137,10 +137,10 @@ impl Schedule {
         let activation = StageActivation {
             stage: StageConfig { stage: event.stage().into(), set },
             adopted_tick,
-            source_instance: event.adopted_filling,
-            replaces_ended: event.alone != 0,
+            source_instance: event.adopted_instance,
+            replaces_ended: event.replaces_ended != 0,
         };
-        schedule.activations.insert(event.filling, activation);
+        schedule.activations.insert(event.instance, activation);
         if adopted_tick.is_none() {
             let cause = format!("`{}` started in the slot `{slot}` without the state of another stage", event.stage());
             self.add_warning(event.tick, &cause);
@@ -150,8 +150,8 @@ impl Schedule {
     /// Records a restart and adds a warning, unless the service resumed from a checkpoint of the
     /// same instance. Such a restart does not affect the attitude.
     fn on_restarted(&mut self, slot: Slot, event: &SystemEvent) {
-        let is_fresh = event.adopted_tick == SystemEvent::NONE && event.filling != 0;
-        if is_fresh || event.adopted_filling != event.filling {
+        let is_fresh = event.adopted_tick == SystemEvent::NONE && event.instance != 0;
+        if is_fresh || event.adopted_instance != event.instance {
             let from_tick =
                 self.slot(slot).and_then(|own| own.owner_changes.last()).map_or(0, |change| change.from_tick);
             let tick = if is_fresh { from_tick } else { event.adopted_tick };
@@ -184,10 +184,10 @@ impl SlotSchedule {
 mod tests {
     use super::*;
 
-    fn owner(tick: u64, filling: u32, adopted: (u64, u32)) -> SystemEvent {
+    fn owner(tick: u64, instance: u32, adopted: (u64, u32)) -> SystemEvent {
         let event = SystemEvent { tick, service: Service::Fuser as u32, ..SystemEvent::new(EventKind::OWNER) };
         event
-            .with_instance(filling, Some(adopted.0), adopted.1, false)
+            .with_instance(instance, Some(adopted.0), adopted.1, false)
             .with_stage("vqf", [("gain", 0.1), ("fade_s", 1e-9)])
     }
 
@@ -216,7 +216,7 @@ mod tests {
         let mut truncated = owner(90, 1, (50, 0)).with_stage("vqf", [("a".repeat(600).as_str(), 1.0)]);
         truncated.tick = 91;
         let mut restarted = SystemEvent { service: Service::Fuser as u32, ..SystemEvent::new(EventKind::RESTARTED) };
-        (restarted.filling, restarted.adopted_filling, restarted.adopted_tick) = (1, 0, 40);
+        (restarted.instance, restarted.adopted_instance, restarted.adopted_tick) = (1, 0, 40);
         let schedule = Schedule::from_events(&[lost, truncated, restarted]);
         assert_eq!(schedule.warnings().iter().map(|warning| warning.tick).collect::<Vec<_>>(), [67, 91, 40]);
     }

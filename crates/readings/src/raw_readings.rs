@@ -26,7 +26,7 @@ impl From<&Reading> for TakenReading {
             longitude_rad: or_nan(longitude_rad),
             altitude_m: or_nan(altitude_m),
             quaternion: reference.map_or([f64::NAN; 4], |truth| truth.quaternion),
-            brings: bits_if(Self::FIELD, field_ut.is_some())
+            present: bits_if(Self::FIELD, field_ut.is_some())
                 | bits_if(Self::FIX, fix.is_some())
                 | bits_if(Self::REFERENCE, reference.is_some())
                 | bits_if(Self::SCORED, reference.is_some_and(|truth| truth.scored)),
@@ -37,7 +37,7 @@ impl From<&Reading> for TakenReading {
 
 impl From<&TakenReading> for Reading {
     fn from(raw: &TakenReading) -> Self {
-        let has = |part: u32| raw.brings & part != 0;
+        let has = |part: u32| raw.present & part != 0;
         let not_nan = |value: f64| Some(value).filter(|value| !value.is_nan());
         let fix = ReceiverFix {
             fix: Fix {

@@ -78,7 +78,7 @@ impl<O: Ticked + Comparable> ShadowComparison<O> {
                 (candidate, output.attitude(), incarnation != message.incarnation)
             {
                 sums.add(AttitudeError::between(candidate, owner), message);
-                (message.tick, message.turn) = (tick, rotation_between(owner, candidate));
+                (message.tick, message.rotation) = (tick, rotation_between(owner, candidate));
             }
         })?;
         let now_ns = monotonic_ns();

@@ -150,7 +150,7 @@ impl<S: SlotProcessor> SlotService<S> {
         let Sequence { ticks, lost, duplicated, repeated, next_tick, .. } = *self.slot.sequence();
         let OwnershipStatus { decided_epoch, missed, published_from, .. } = self.gate.status();
         (health.ticks, health.lost, health.duplicated, health.repeated) = (ticks, lost, duplicated, repeated);
-        (health.next_tick, health.flags, health.flawed) = (next_tick, self.flags, self.invalid_outputs);
+        (health.next_tick, health.flags, health.invalid_outputs) = (next_tick, self.flags, self.invalid_outputs);
         (health.epoch, health.missed) = (decided_epoch, missed.into());
         health.published_from = published_from.unwrap_or(u64::MAX);
     }

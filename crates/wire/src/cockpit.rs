@@ -5,19 +5,19 @@ use prost::encoding::{self, WireType};
 use crate::{
     DecodeError,
     command::{ControlMessage, MAX_NAME_BYTES, check_parameters, check_text},
-    v1::{PageCommand, Picture, ToPage, page_command::Kind},
+    v1::{PageCommand, Snapshot, ToPage, page_command::Kind},
 };
 
-/// Field number of `Pictures.pictures`.
-const PICTURES_FIELD: u32 = 1;
+/// Field number of `Snapshots.snapshots`.
+const SNAPSHOTS_FIELD: u32 = 1;
 
-/// Encodes a `Pictures` message from `Picture` messages that are encoded already.
-pub fn encode_pictures<'p>(encoded: impl IntoIterator<Item = &'p [u8]>) -> Vec<u8> {
+/// Encodes a `Snapshots` message from `Snapshot` messages that are encoded already.
+pub fn encode_snapshots<'p>(encoded: impl IntoIterator<Item = &'p [u8]>) -> Vec<u8> {
     let mut bytes = Vec::new();
-    for picture in encoded {
-        encoding::encode_key(PICTURES_FIELD, WireType::LengthDelimited, &mut bytes);
-        encoding::encode_varint(picture.len() as u64, &mut bytes);
-        bytes.extend_from_slice(picture);
+    for snapshot in encoded {
+        encoding::encode_key(SNAPSHOTS_FIELD, WireType::LengthDelimited, &mut bytes);
+        encoding::encode_varint(snapshot.len() as u64, &mut bytes);
+        bytes.extend_from_slice(snapshot);
     }
     bytes
 }
@@ -26,12 +26,12 @@ impl ControlMessage for ToPage {
     const NAME: &'static str = "ToPage";
 
     fn validate(&self) -> Result<(), DecodeError> {
-        self.said.as_ref().ok_or(DecodeError::Missing { field: "said" }).map(drop)
+        self.content.as_ref().ok_or(DecodeError::Missing { field: "content" }).map(drop)
     }
 }
 
-impl ControlMessage for Picture {
-    const NAME: &'static str = "Picture";
+impl ControlMessage for Snapshot {
+    const NAME: &'static str = "Snapshot";
 
     fn validate(&self) -> Result<(), DecodeError> {
         Ok(())
@@ -77,12 +77,12 @@ mod tests {
     }
 
     #[test]
-    fn pictures_concatenate_into_one_message() {
-        let all = [7, 300].map(|number| Picture { number, ..Picture::default() });
-        let encoded = all.clone().map(|picture| picture.to_bytes());
-        let read: crate::v1::Pictures =
-            prost::Message::decode(&*encode_pictures(encoded.iter().map(Vec::as_slice))).unwrap();
-        assert_eq!(read.pictures, all);
+    fn snapshots_concatenate_into_one_message() {
+        let all = [7, 300].map(|number| Snapshot { number, ..Snapshot::default() });
+        let encoded = all.clone().map(|snapshot| snapshot.to_bytes());
+        let read: crate::v1::Snapshots =
+            prost::Message::decode(&*encode_snapshots(encoded.iter().map(Vec::as_slice))).unwrap();
+        assert_eq!(read.snapshots, all);
     }
 
     #[test]
@@ -92,9 +92,9 @@ mod tests {
         assert_eq!(PageCommand::from_bytes(&with_parameters.to_bytes()).unwrap(), with_parameters);
         let cancel = PageCommand { kind: Kind::Cancel.into(), stage: String::new(), ..command() };
         assert_eq!(PageCommand::from_bytes(&cancel.to_bytes()).unwrap(), cancel);
-        let look = PageCommand { kind: Kind::Look.into(), slot: String::new(), ..cancel };
-        assert_eq!(PageCommand::from_bytes(&look.to_bytes()).unwrap(), look);
-        let calibrate = PageCommand { kind: Kind::Calibrate.into(), what: "mag".into(), ..look };
+        let view = PageCommand { kind: Kind::View.into(), slot: String::new(), ..cancel };
+        assert_eq!(PageCommand::from_bytes(&view.to_bytes()).unwrap(), view);
+        let calibrate = PageCommand { kind: Kind::Calibrate.into(), what: "mag".into(), ..view };
         assert_eq!(PageCommand::from_bytes(&calibrate.to_bytes()).unwrap(), calibrate);
         for wrong in [
             PageCommand { kind: 0, ..command() },

@@ -91,7 +91,7 @@ payloads! {
     Reference { tick, scored, quaternion };
     TakenReading { number, tick, t_sensor_ns, offset_ns } unchecked {
         rate_rad_s, force_m_s2, field_ut, velocity_m_s, velocity_sd_m_s, age_s, latitude_rad, longitude_rad,
-        altitude_m, quaternion, brings, incarnation
+        altitude_m, quaternion, present, incarnation
     };
     GyroStep { header, w, z_rad, chart, p, s, rate_rad_s };
     AccelPoint { header, w, chart, norm_m_s2, trust, force_m_s2 };
@@ -104,10 +104,10 @@ payloads! {
         rate_rad_s, inclination_sd_rad, reset_counter, jump
     };
     Credit { ticks, ends };
-    Difference { tick, ticks, now_rad, mean_rad, rms_rad, max_rad, service, incarnation } optional { turn };
+    Difference { tick, ticks, now_rad, mean_rad, rms_rad, max_rad, service, incarnation } optional { rotation };
     Health {
         ticks, lost, duplicated, repeated, next_tick, refused, late_wakes, flags, service, state, incarnation, pid, epoch, missed,
-        published_from, flawed, clock_offset_ns, clock_jitter_ns, clock_steps
+        published_from, invalid_outputs, clock_offset_ns, clock_jitter_ns, clock_steps
     };
 }
 
@@ -179,11 +179,11 @@ impl Payload for SystemEvent {
     type Proto = v1::SystemEvent;
 
     fn to_proto(&self) -> v1::SystemEvent {
-        let Self { number, t_told_ns, tick, ticks, adopted_tick, kind, service, incarnation, .. } = *self;
-        let Self { epoch, filling, adopted_filling, alone, cut, .. } = *self;
+        let Self { number, t_event_ns, tick, ticks, adopted_tick, kind, service, incarnation, .. } = *self;
+        let Self { epoch, instance, adopted_instance, replaces_ended, truncated, .. } = *self;
         v1::SystemEvent {
             number,
-            t_told_ns,
+            t_event_ns,
             tick,
             ticks,
             adopted_tick,
@@ -191,23 +191,23 @@ impl Payload for SystemEvent {
             service: service.to_proto(),
             incarnation,
             epoch,
-            filling,
-            adopted_filling,
-            alone,
-            cut,
+            instance,
+            adopted_instance,
+            replaces_ended,
+            truncated,
             stage: self.stage().into(),
             settings: self.settings_text().into(),
-            why: self.reason().into(),
+            reason: self.reason().into(),
         }
     }
 
     fn from_proto(proto: v1::SystemEvent) -> Result<Self, DecodeError> {
-        let v1::SystemEvent { number, t_told_ns, tick, ticks, adopted_tick, kind, service, incarnation, .. } = proto;
-        let v1::SystemEvent { epoch, filling, adopted_filling, alone, cut, .. } = proto;
+        let v1::SystemEvent { number, t_event_ns, tick, ticks, adopted_tick, kind, service, incarnation, .. } = proto;
+        let v1::SystemEvent { epoch, instance, adopted_instance, replaces_ended, truncated, .. } = proto;
         let has_no_service = service == v1::Service::Unspecified as i32;
         Ok(Self {
             number,
-            t_told_ns,
+            t_event_ns,
             tick,
             ticks,
             adopted_tick,
@@ -215,13 +215,13 @@ impl Payload for SystemEvent {
             service: if has_no_service { Self::NONE_U32 } else { Field::from_proto(service, "service")? },
             incarnation,
             epoch,
-            filling,
-            adopted_filling,
-            alone,
-            cut,
+            instance,
+            adopted_instance,
+            replaces_ended,
+            truncated,
             stage: fixed_text(&proto.stage, Self::NAME, "stage")?,
             settings: fixed_text(&proto.settings, Self::NAME, "settings")?,
-            why: fixed_text(&proto.why, Self::NAME, "why")?,
+            reason: fixed_text(&proto.reason, Self::NAME, "reason")?,
         })
     }
 }

@@ -124,7 +124,7 @@ mod tests {
         };
         assert_eq!(lookup("Header", "t_end_ns"), (3, "sint64".into(), false, false));
         assert_eq!(lookup("FusedState", "w"), (2, "Complex".into(), false, true));
-        assert_eq!(lookup("Picture", "events"), (14, "SystemEvent".into(), true, true));
+        assert_eq!(lookup("Snapshot", "events"), (14, "SystemEvent".into(), true, true));
         assert_eq!(lookup("SwapAnswer", "outcome"), (2, "SwapAnswer.Outcome".into(), false, false));
         assert_eq!(lookup("SwapAnswer", "commit_tick"), (7, "uint64".into(), false, true));
         assert!(enum_values.contains(&("SwapAnswer.Outcome".into(), "OUTCOME_REFUSED".into(), 2)), "{enum_values:?}");

@@ -62,11 +62,11 @@ export class Calibration {
   }
 
   draw() {
-    const { standing, calibration, calibrationError } = this.data;
+    const { systemStatus, calibration, calibrationError } = this.data;
     const error = this.sendError || calibrationError;
     const sectors = calibration?.parts ?? [];
     this.drawn = { what: calibration?.what ?? "", share: calibration?.share ?? 0, missing: calibration?.missing ?? [], covered: sectors.filter(Boolean).length, report: calibration?.report ?? "", error };
-    this.start.disabled = !standing.takes_commands;
+    this.start.disabled = !systemStatus.accepts_commands;
     this.cancel.disabled = !calibration || !!calibration.report;
     this.bar.hidden = this.progress.hidden = !calibration;
     this.bar.value = calibration?.share ?? 0;

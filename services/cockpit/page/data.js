@@ -6,9 +6,9 @@ import { angleBetween, attitudeOf, product, upOf } from "./attitude.js";
 /** @typedef {import("./wire.js").Message} Message */
 /** @typedef {import("./attitude.js").Quat} Quat */
 /** @typedef {import("./attitude.js").Vec} Vec */
-/** @typedef {Message & { services?: Message[], slots?: Message[], vehicles?: Message[] }} Standing */
+/** @typedef {Message & { services?: Message[], slots?: Message[], vehicles?: Message[] }} SystemStatus */
 /** Frame of the history, made of one snapshot. `values` holds the minimum and the maximum of each of the `QUANTITIES`, NaN if unknown; `ups` holds the up vectors of `TRAILS`.
- * @typedef {{ t: number, number: number, picture: Message, values: Float64Array, ups: Record<string, Vec | null> }} Frame */
+ * @typedef {{ t: number, number: number, snapshot: Message, values: Float64Array, ups: Record<string, Vec | null> }} Frame */
 /** Entry of the event list. `t` and `until` are the start and the end on the source's clock, s, or null if unknown; `reported_s` is the time of the report on the board's clock.
  * @typedef {{ t: number | null, until: number | null, reported_s: number, number: number, text: string, label: string, fault: boolean, kind: string, service: string, stage: string, tick: number }} LogEvent */
 
@@ -57,7 +57,7 @@ export function valueIndex(name) {
 export class Data {
   constructor() {
     /** @type {Frame[]} */ this.frames = [];
-    /** @type {Standing} */ this.standing = {};
+    /** @type {SystemStatus} */ this.systemStatus = {};
     /** @type {LogEvent[]} */ this.events = [];
     /** Incremented when the event list changes. */ this.revision = 0;
     /** Reply to `command`. @type {Message | null} */ this.answer = null;
@@ -94,7 +94,7 @@ export class Data {
     this.recording = [];
     this.span_s = MAX_SPAN_S;
     this.flagEvents.clear();
-    this.standing = {};
+    this.systemStatus = {};
     this.newest = {};
     this.clock_offset_s = null;
     this.calibration = null;
@@ -105,14 +105,14 @@ export class Data {
     this.received_ms = -Infinity;
   }
 
-  /** Adds a snapshot. @param {Message} picture @param {number} now */
-  push(picture, now) {
-    this.recordEvents(picture);
-    if (picture.attitude) this.received_ms = now;
-    const t = timeOf(picture), last = this.frames.at(-1);
+  /** Adds a snapshot. @param {Message} snapshot @param {number} now */
+  push(snapshot, now) {
+    this.recordEvents(snapshot);
+    if (snapshot.attitude) this.received_ms = now;
+    const t = timeOf(snapshot), last = this.frames.at(-1);
     // A step back in time means that the source has restarted.
     if (t !== null && last && t < last.t - 1) this.handleRestart();
-    const frame = this.addFrame(picture);
+    const frame = this.addFrame(snapshot);
     if (!frame) return;
     if (!this.paused) {
       while (this.frames.length > MAX_FRAMES || (this.frames.length > 1 && this.frames[0].t < frame.t - this.kept_s)) this.frames.shift();
@@ -122,17 +122,17 @@ export class Data {
     }
   }
 
-  /** Shows a recording from its start, with the whole of it in the strips. @param {Message[]} pictures */
-  openRecording(pictures) {
+  /** Shows a recording from its start, with the whole of it in the strips. @param {Message[]} snapshots */
+  openRecording(snapshots) {
     this.clear();
     this.paused = true;
-    for (const picture of pictures) {
-      this.recordEvents(picture);
-      const t = timeOf(picture);
+    for (const snapshot of snapshots) {
+      this.recordEvents(snapshot);
+      const t = timeOf(snapshot);
       // Frames are in the order of time, so that the one at a time can be found.
       if (t === null || t <= (this.frames.at(-1)?.t ?? -Infinity)) continue;
-      this.addFrame(picture);
-      this.recording.push(picture);
+      this.addFrame(snapshot);
+      this.recording.push(snapshot);
     }
     this.seek(0);
     this.showAll();
@@ -152,12 +152,12 @@ export class Data {
     if (this.position + 1 >= this.frames.length) this.paused = true;
   }
 
-  /** Adds the frame of a snapshot and returns it, or null if the snapshot has no time. @param {Message} picture @returns {Frame | null} */
-  addFrame(picture) {
-    for (const name of TOPICS) if (picture[name]) this.newest[name] = picture[name];
-    const t = timeOf(picture);
+  /** Adds the frame of a snapshot and returns it, or null if the snapshot has no time. @param {Message} snapshot @returns {Frame | null} */
+  addFrame(snapshot) {
+    for (const name of TOPICS) if (snapshot[name]) this.newest[name] = snapshot[name];
+    const t = timeOf(snapshot);
     if (t === null) return null;
-    for (const difference of picture.differences) this.shadows.set(difference.service, { t, difference });
+    for (const difference of snapshot.differences) this.shadows.set(difference.service, { t, difference });
     for (const [slot, shadow] of this.shadows) if (t - shadow.t > MAX_DIFFERENCE_AGE_S) this.shadows.delete(slot);
     const differences = [...this.shadows.values()].map((shadow) => shadow.difference);
     /** @type {Message} */
@@ -165,7 +165,7 @@ export class Data {
     // Outputs of a service that no longer publishes are not current.
     for (const name of EXPIRING_TOPICS) if (shown[name] && t - shown[name].header.t_end_ns * 1e-9 > MAX_OUTPUT_AGE_S) delete shown[name];
     const ups = Object.fromEntries(TRAILS.map((name) => [name, upOfPoint(shown[name])]));
-    const frame = { t, number: picture.number, picture: shown, values: valuesOf({ ...picture, differences }), ups };
+    const frame = { t, number: snapshot.number, snapshot: shown, values: valuesOf({ ...snapshot, differences }), ups };
     this.frames.push(frame);
     return frame;
   }
@@ -181,9 +181,9 @@ export class Data {
     for (const event of this.events) if (event.t !== null) event.t = NaN;
   }
 
-  /** Records the events and flags of a snapshot. @param {Message} picture */
-  recordEvents(picture) {
-    const header = (picture.attitude ?? picture.imu)?.header;
+  /** Records the events and flags of a snapshot. @param {Message} snapshot */
+  recordEvents(snapshot) {
+    const header = (snapshot.attitude ?? snapshot.imu)?.header;
     if (header) {
       this.clock_offset_s = (header.t_end_ns - header.t_sent_ns) * 1e-9;
       for (const event of this.events) if (event.t === null) { event.t = event.reported_s + this.clock_offset_s; this.revision += 1; }
@@ -192,10 +192,10 @@ export class Data {
     const t = header ? header.t_end_ns * 1e-9 : this.frames.at(-1)?.t;
     if (t !== undefined) {
       this.flags.forEach(([name, informational], bit) => {
-        if (!informational && Math.floor(picture.flags / 2 ** bit) % 2 === 1) this.recordFlag(name, t);
+        if (!informational && Math.floor(snapshot.flags / 2 ** bit) % 2 === 1) this.recordFlag(name, t);
       });
     }
-    for (const event of picture.events) this.recordEvent(event);
+    for (const event of snapshot.events) this.recordEvent(event);
   }
 
   /** Extends the last event of a flag, or adds a new one. @param {string} name @param {number} t */
@@ -218,10 +218,10 @@ export class Data {
 
   /** Records an event unless it was recorded before. @param {Message} event */
   recordEvent(event) {
-    const reported_s = event.t_told_ns * 1e-9;
+    const reported_s = event.t_event_ns * 1e-9;
     if (this.events.some((known) => known.number === event.number && known.reported_s === reported_s)) return;
     const kind = event.kind.replace("EVENT_KIND_", "");
-    const fault = ["ENDED", "GIVEN_UP", "LOST", "NOT_TAKEN", "ABORTED", "REFUSED", "BUS_RENEWED"].includes(kind) && event.why !== CANCELLED_REASON;
+    const fault = ["ENDED", "GIVEN_UP", "LOST", "NOT_TAKEN", "ABORTED", "REFUSED", "BUS_RENEWED"].includes(kind) && event.reason !== CANCELLED_REASON;
     const service = event.service === "SERVICE_UNSPECIFIED" ? "" : event.service.replace("SERVICE_", "").toLowerCase();
     const label = `${service} ${kind.toLowerCase().replaceAll("_", " ")}`.trim();
     this.add({ t: this.clock_offset_s === null ? null : reported_s + this.clock_offset_s, until: null, reported_s, number: event.number, text: describe(event, label), label, fault, kind: event.kind, service, stage: event.stage, tick: event.tick });
@@ -255,7 +255,7 @@ export class Data {
 
   /** Returns the time of the source's clock at which the displayed time is 0, s: the start of a recording. */
   origin() {
-    return this.recording.length ? this.standing.t_first_ns * 1e-9 : 0;
+    return this.recording.length ? this.systemStatus.t_first_ns * 1e-9 : 0;
   }
 
   /** Returns a time of the source's clock as displayed. @param {number} t s */
@@ -316,14 +316,14 @@ export class Data {
 
   /** Returns a short label for the state, its kind and the reason. @param {number} now */
   state(now) {
-    const { state, why } = this.standing;
+    const { state, reason } = this.systemStatus;
     if (this.recording.length) return { label: this.paused ? "paused" : "replay", kind: "live", reason: "" };
     if (this.link === "unauthorized") return { label: "no token", kind: "connecting", reason: "Viewing requires a valid token. Open the complete address printed by `plumb up` or `plumb view`." };
     if (this.link === "unavailable") return { label: "no such vehicle", kind: "connecting", reason: this.unavailableReason };
     if (this.link !== "open") return { label: "connecting", kind: "connecting", reason: "No connection to the cockpit. Start it with `plumb up` or `plumb view`; this page then connects automatically." };
-    if (state === "STATE_ENDED") return { label: "ended", kind: "ended", reason: why };
-    if (state === "STATE_UNCHOSEN") return { label: "choose a vehicle", kind: "paused", reason: "" };
-    if (state !== "STATE_LIVE" && state !== "STATE_RECORDING") return { label: "connecting", kind: "connecting", reason: why ?? "" };
+    if (state === "STATE_ENDED") return { label: "ended", kind: "ended", reason };
+    if (state === "STATE_UNSELECTED") return { label: "choose a vehicle", kind: "paused", reason: "" };
+    if (state !== "STATE_LIVE" && state !== "STATE_RECORDING") return { label: "connecting", kind: "connecting", reason: reason ?? "" };
     const age = now - this.received_ms;
     if (age > STALE_AFTER_MS) {
       const label = Number.isFinite(age) ? `stale ${(age / 1000).toFixed(1)} s` : "no attitude yet";
@@ -333,24 +333,24 @@ export class Data {
   }
 }
 
-/** Returns the time of a snapshot on the source's clock, s, or null if it has none. @param {Message} picture @returns {number | null} */
-function timeOf(picture) {
-  const header = (picture.attitude ?? picture.imu)?.header;
+/** Returns the time of a snapshot on the source's clock, s, or null if it has none. @param {Message} snapshot @returns {number | null} */
+function timeOf(snapshot) {
+  const header = (snapshot.attitude ?? snapshot.imu)?.header;
   return header ? header.t_end_ns * 1e-9 : null;
 }
 
-/** Returns the minimum and the maximum of each quantity in a snapshot. @param {Message} picture @returns {Float64Array} */
-function valuesOf(picture) {
+/** Returns the minimum and the maximum of each quantity in a snapshot. @param {Message} snapshot @returns {Float64Array} */
+function valuesOf(snapshot) {
   const values = new Float64Array(2 * QUANTITIES.length).fill(NaN);
   const setRange = (/** @type {string} */ name, /** @type {number} */ min, /** @type {number} */ max) => {
     if (Number.isFinite(min) && Number.isFinite(max)) values.set([min, max], valueIndex(name));
   };
   const set = (/** @type {string} */ name, /** @type {number} */ value) => setRange(name, value, value);
-  for (const { quantity, least, most } of picture.extremes) {
+  for (const { quantity, min, max } of snapshot.extremes) {
     const name = quantity.replace("QUANTITY_", "").toLowerCase();
-    if (RANGES.has(name)) setRange(name, least, most);
+    if (RANGES.has(name)) setRange(name, min, max);
   }
-  const { attitude, fused, accel, gyro } = picture;
+  const { attitude, fused, accel, gyro } = snapshot;
   if (attitude) {
     for (const name of ["yaw_rad", "pitch_rad", "roll_rad", "course_rad", "inclination_sd_rad"]) set(name, attitude[name]);
     if (attitude.course_sd_rad < Math.PI) set("course_sd_rad", attitude.course_sd_rad);
@@ -361,7 +361,7 @@ function valuesOf(picture) {
   }
   if (gyro?.w) { set("u_gyro", gyro.w.re); set("v_gyro", gyro.w.im); set("z_gyro_rad", gyro.z_rad); }
   if (accel?.w) { set("u_accel", accel.w.re); set("v_accel", accel.w.im); }
-  for (const difference of picture.differences) if (difference.now_rad) set("difference_rad", difference.now_rad.x);
+  for (const difference of snapshot.differences) if (difference.now_rad) set("difference_rad", difference.now_rad.x);
   return values;
 }
 
@@ -369,7 +369,7 @@ function valuesOf(picture) {
 function describe(event, label) {
   const stage = event.stage ? ` ${event.stage}` : "";
   const tick = event.tick < NO_TICK && event.tick > 0 ? ` at tick ${event.tick}` : "";
-  const reason = event.why ? `: ${event.why}` : "";
+  const reason = event.reason ? `: ${event.reason}` : "";
   return label + stage + tick + reason;
 }
 
@@ -390,14 +390,14 @@ export function attitudeOfPoint(message) {
   return up && message ? attitudeOf(up, message.z_rad, message.chart === "CHART_INVERTED") : null;
 }
 
-/** Returns the attitude of a slot's shadow: the owner's attitude combined with their difference. @param {Message} picture @returns {Quat | null} */
-export function attitudeOfShadow(picture) {
-  const [own, rotation] = [quaternion(picture.attitude?.quaternion), quaternion(picture.differences?.[0]?.turn)];
+/** Returns the attitude of a slot's shadow: the owner's attitude combined with their difference. @param {Message} snapshot @returns {Quat | null} */
+export function attitudeOfShadow(snapshot) {
+  const [own, rotation] = [quaternion(snapshot.attitude?.quaternion), quaternion(snapshot.differences?.[0]?.rotation)];
   return own && rotation?.every(Number.isFinite) ? product(own, rotation) : null;
 }
 
-/** Returns the angle to the reference of the same tick, rad. @param {Message} picture */
-export function errorOf(picture) {
-  const [own, truth] = [quaternion(picture.attitude?.quaternion), quaternion(picture.reference?.quaternion)];
-  return own && truth && picture.reference.tick === picture.attitude.header.tick ? angleBetween(own, truth) : null;
+/** Returns the angle to the reference of the same tick, rad. @param {Message} snapshot */
+export function errorOf(snapshot) {
+  const [own, truth] = [quaternion(snapshot.attitude?.quaternion), quaternion(snapshot.reference?.quaternion)];
+  return own && truth && snapshot.reference.tick === snapshot.attitude.header.tick ? angleBetween(own, truth) : null;
 }

@@ -36,8 +36,8 @@ export class Fleet {
   }
 
   draw() {
-    const { standing } = this.data;
-    const all = standing.vehicles?.length ? standing.vehicles : this.ownVehicle();
+    const { systemStatus } = this.data;
+    const all = systemStatus.vehicles?.length ? systemStatus.vehicles : this.ownVehicle();
     const wanted = this.filter.value.trim().toLowerCase();
     const vehicles = all.filter(({ vehicle, stage }) => `${vehicle} ${stage}`.toLowerCase().includes(wanted));
     if (this.problemsFirst.checked) vehicles.sort((a, b) => Number(hasProblem(b)) - Number(hasProblem(a)));
@@ -49,22 +49,22 @@ export class Fleet {
     }
     this.controls.hidden = all.length < 2;
     const count = (/** @type {(line: Message) => boolean} */ test) => all.filter(test).length;
-    write(this.summary, all.length < 2 ? "" : `${all.length} vehicles: ${count((line) => !isOld(line))} current, ${count((line) => line.lives && isOld(line))} old, ${count((line) => !line.lives)} unreachable; ${count(hasLost)} with losses${wanted ? `; ${vehicles.length} shown` : ""}`);
-    write(this.note, standing.vehicles?.length ? "" : standing.state === "STATE_UNCHOSEN" ? "No vehicle has been found yet. Systems with a gateway appear here; `--connect` of `plumb view` names their endpoints." : "This page shows one system. Run `plumb view --remote --connect ENDPOINT` to show all vehicles on the network.");
+    write(this.summary, all.length < 2 ? "" : `${all.length} vehicles: ${count((line) => !isOld(line))} current, ${count((line) => line.alive && isOld(line))} old, ${count((line) => !line.alive)} unreachable; ${count(hasLost)} with losses${wanted ? `; ${vehicles.length} shown` : ""}`);
+    write(this.note, systemStatus.vehicles?.length ? "" : systemStatus.state === "STATE_UNSELECTED" ? "No vehicle has been found yet. Systems with a gateway appear here; `--connect` of `plumb view` names their endpoints." : "This page shows one system. Run `plumb view --remote --connect ENDPOINT` to show all vehicles on the network.");
     this.drawn = { vehicles: [], summary: this.summary.textContent };
     for (const line of vehicles) this.fillRow(this.row(line.vehicle), line);
   }
 
   /** Returns the system shown as the only vehicle. @returns {Message[]} */
   ownVehicle() {
-    const { standing } = this.data;
-    if (!standing.system) return [];
-    const statuses = (standing.services ?? []).map((service) => service.status);
+    const { systemStatus } = this.data;
+    if (!systemStatus.system) return [];
+    const statuses = (systemStatus.services ?? []).map((service) => service.status);
     const statusOf = (/** @type {string} */ name) => statuses.find((status) => status.service === name);
     const isRecording = this.data.recording.length > 0;
     const age_s = isRecording ? Infinity : (performance.now() - this.data.received_ms) / 1000;
     const services = statuses.filter((status) => status.state === "running").map((status) => status.service);
-    return [{ vehicle: standing.system, lives: isRecording || standing.state === "STATE_LIVE", age_s: Number.isFinite(age_s) ? age_s : null, attitude: this.data.newest.attitude, lost_messages: 0, lost_ticks: statusOf("course")?.lost ?? null, stage: statusOf("fuser")?.stage ?? "", services }];
+    return [{ vehicle: systemStatus.system, alive: isRecording || systemStatus.state === "STATE_LIVE", age_s: Number.isFinite(age_s) ? age_s : null, attitude: this.data.newest.attitude, lost_messages: 0, lost_ticks: statusOf("course")?.lost ?? null, stage: statusOf("fuser")?.stage ?? "", services }];
   }
 
   /** Returns the row of a vehicle. @param {string} name */
@@ -80,13 +80,13 @@ export class Fleet {
     canvas.setAttribute("aria-hidden", "true");
     const chosen = button("", name, () => this.onSelect(name));
     chosen.dataset.vehicle = name;
-    chosen.disabled = !this.data.standing.vehicles?.length;
+    chosen.disabled = !this.data.systemStatus.vehicles?.length;
     return element("tr", "", element("td", "", canvas), element("td", "", chosen), ...COLUMNS.slice(2).map((column) => element("td", columnClass(column), "–")));
   }
 
   /** @param {Element} row @param {Message} line */
   fillRow(row, line) {
-    const { attitude, age_s, lives, lost_messages, lost_ticks, stage, services } = line;
+    const { attitude, age_s, alive, lost_messages, lost_ticks, stage, services } = line;
     const old = isOld(line);
     row.classList.toggle("old", old);
     const q = quaternion(attitude?.quaternion);
@@ -95,7 +95,7 @@ export class Fleet {
       q ? `${signed(roll / DEGREE, 1)}°` : "–", q ? `${signed(pitch / DEGREE, 1)}°` : "–",
       attitude ? `${degrees(attitude.course_rad)}° ${courseReference(attitude.course_reference)}` : "–",
       age_s === null ? "–" : `${age_s.toFixed(1)} s`, lost_ticks === null ? "–" : String(lost_ticks), String(lost_messages),
-      stage || "–", lives ? services.join(" ") : "unreachable",
+      stage || "–", alive ? services.join(" ") : "unreachable",
     ];
     cells.forEach((text, at) => write(row.children[at + 2], text));
     row.children[6].classList.toggle("c-fault", lost_ticks > 0);
@@ -106,7 +106,7 @@ export class Fleet {
 }
 
 /** Returns whether the attitude of a vehicle is not current. @param {Message} line */
-const isOld = ({ lives, age_s }) => !lives || age_s === null || age_s > MAX_AGE_S;
+const isOld = ({ alive, age_s }) => !alive || age_s === null || age_s > MAX_AGE_S;
 
 /** @param {Message} line */
 const hasLost = ({ lost_ticks, lost_messages }) => lost_ticks > 0 || lost_messages > 0;

@@ -59,21 +59,21 @@ export class Fly {
 
   draw() {
     const frame = this.data.shown();
-    const picture = frame?.picture ?? {};
-    const own = quaternion(picture.attitude?.quaternion);
-    const truth = quaternion(picture.reference?.quaternion);
-    const gyro = attitudeOfPoint(picture.gyro);
-    const shadow = attitudeOfShadow(picture);
-    const shadow_difference_deg = shadow ? picture.differences[0].now_rad.x / DEGREE : null;
+    const snapshot = frame?.snapshot ?? {};
+    const own = quaternion(snapshot.attitude?.quaternion);
+    const truth = quaternion(snapshot.reference?.quaternion);
+    const gyro = attitudeOfPoint(snapshot.gyro);
+    const shadow = attitudeOfShadow(snapshot);
+    const shadow_difference_deg = shadow ? snapshot.differences[0].now_rad.x / DEGREE : null;
     this.drawn = { quaternion: own, reference: truth, gyro, shadow, shadow_difference_deg, yaw_deg: null, error_deg: null };
     [own, truth, gyro, shadow].forEach((ghost, at) => { this.ghosts[at].hidden = !ghost; });
     this.drawn.body = this.body.value;
-    const slot = shadow ? picture.differences[0].service.replace("SERVICE_", "").toLowerCase() : "";
+    const slot = shadow ? snapshot.differences[0].service.replace("SERVICE_", "").toLowerCase() : "";
     write(this.ghosts[3], `shadow of ${slot}, difference ${shadow_difference_deg?.toFixed(2)}°`);
     this.drawScene(own, truth, gyro, shadow);
     this.drawHorizon(own);
-    this.drawRose(picture.attitude);
-    this.drawValues(picture);
+    this.drawRose(snapshot.attitude);
+    this.drawValues(snapshot);
     this.strips.draw();
   }
 
@@ -202,12 +202,12 @@ export class Fly {
     context.fillText(courseReference(attitude?.course_reference), x, y + 14);
   }
 
-  /** @param {import("./wire.js").Message} picture */
-  drawValues(picture) {
-    const { attitude } = picture;
+  /** @param {import("./wire.js").Message} snapshot */
+  drawValues(snapshot) {
+    const { attitude } = snapshot;
     const deg = (/** @type {number} */ rad) => `${signed(rad / DEGREE, 1)}°`;
     const sd = (/** @type {number | undefined} */ rad) => (rad === undefined || rad >= Math.PI ? "± –" : `± ${(rad / DEGREE).toFixed(2)}°`);
-    const error = errorOf(picture);
+    const error = errorOf(snapshot);
     if (attitude) Object.assign(this.drawn, { yaw_deg: attitude.yaw_rad / DEGREE, pitch_deg: attitude.pitch_rad / DEGREE, roll_deg: attitude.roll_rad / DEGREE, course_deg: attitude.course_rad / DEGREE });
     this.drawn.error_deg = error === null ? null : error / DEGREE;
     const rows = [

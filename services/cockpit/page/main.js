@@ -68,26 +68,26 @@ function connect() {
     // A calibration may have ended while disconnected; if not, its progress is sent again.
     data.calibration = null;
     replyHandlers.clear();
-    if (token) opened.send(wire.encode("PageCommand", { kind: "KIND_LOOK", request_id: "look", token }));
+    if (token) opened.send(wire.encode("PageCommand", { kind: "KIND_VIEW", request_id: "look", token }));
   });
   opened.addEventListener("message", ({ data: bytes }) => {
     if (opened !== socket) return;
     data.link = "open";
     data.bytes += bytes.byteLength;
-    const { picture, standing, answer, calibration, log } = wire.decode("ToPage", new Uint8Array(bytes));
-    if (picture) data.push(picture, performance.now());
-    if (standing) {
+    const { snapshot, system_status: systemStatus, answer, calibration, log } = wire.decode("ToPage", new Uint8Array(bytes));
+    if (snapshot) data.push(snapshot, performance.now());
+    if (systemStatus) {
       // The server now shows a system instead of the recording.
-      if (data.recording.length && standing.state !== "STATE_RECORDING") {
+      if (data.recording.length && systemStatus.state !== "STATE_RECORDING") {
         data.clear();
         get("playback").hidden = true;
       }
-      const first = data.standing.pictures !== standing.pictures;
+      const first = data.systemStatus.snapshots !== systemStatus.snapshots;
       // Without a selected vehicle the page shows the list.
-      if (standing.state === "STATE_UNCHOSEN" && data.standing.state !== standing.state) openView("fleet");
-      if (standing.recording?.active !== data.standing.recording?.active) recordingError = "";
-      data.standing = standing;
-      if (standing.state === "STATE_RECORDING" && first) load(standing.pictures).catch(() => { data.standing = {}; socket?.close(); });
+      if (systemStatus.state === "STATE_UNSELECTED" && data.systemStatus.state !== systemStatus.state) openView("fleet");
+      if (systemStatus.recording?.active !== data.systemStatus.recording?.active) recordingError = "";
+      data.systemStatus = systemStatus;
+      if (systemStatus.state === "STATE_RECORDING" && first) load(systemStatus.snapshots).catch(() => { data.systemStatus = {}; socket?.close(); });
     }
     if (calibration) data.calibration = calibration.what ? calibration : null;
     const reply = answer ?? log;
@@ -116,15 +116,15 @@ function selectVehicle(name) {
 async function load(count) {
   const all = [];
   while (all.length < count) {
-    const response = await fetch(`/pictures?${all.length}+${CHUNK}`, { headers: token ? { authorization: `Bearer ${token}` } : {} });
+    const response = await fetch(`/snapshots?${all.length}+${CHUNK}`, { headers: token ? { authorization: `Bearer ${token}` } : {} });
     if (!response.ok) throw new Error(await response.text());
-    const { pictures } = wire.decode("Pictures", new Uint8Array(await response.arrayBuffer()));
-    if (!pictures.length) break;
-    all.push(...pictures);
+    const { snapshots } = wire.decode("Snapshots", new Uint8Array(await response.arrayBuffer()));
+    if (!snapshots.length) break;
+    all.push(...snapshots);
   }
-  const { standing } = data;
+  const { systemStatus } = data;
   data.openRecording(all);
-  data.standing = standing;
+  data.systemStatus = systemStatus;
   get("playback").hidden = false;
   input("position").max = String(Math.max(0, data.recording.length - 1));
   seek(0);
@@ -144,12 +144,12 @@ function play(seconds) {
 
 /** Returns the duration of a recording's snapshot, s. */
 function snapshotLength() {
-  const { t_first_ns, t_last_ns } = data.standing;
+  const { t_first_ns, t_last_ns } = data.systemStatus;
   return data.recording.length > 1 ? Math.max(SNAPSHOT_S, ((t_last_ns - t_first_ns) * 1e-9) / data.recording.length) : SNAPSHOT_S;
 }
 
 /** Whether the page shows several vehicles, or none is selected. */
-const hasFleet = () => (data.standing.vehicles?.length ?? 0) > 1 || data.standing.state === "STATE_UNCHOSEN";
+const hasFleet = () => (data.systemStatus.vehicles?.length ?? 0) > 1 || data.systemStatus.state === "STATE_UNSELECTED";
 
 /** Opens the view that a user has selected, and puts it into the address. @param {string} name */
 function selectView(name) {
@@ -172,27 +172,27 @@ const duration = (us) => (us >= 1000 ? `${(us / 1000).toFixed(2)} ms` : `${us.to
 
 /** @param {number} now */
 function drawBar(now) {
-  const { standing } = data;
+  const { systemStatus } = data;
   const state = data.state(now);
   const set = (/** @type {string} */ id, /** @type {string} */ text) => write(get(id), text);
-  set("system", standing.system || "no system");
-  set("source", standing.source ?? "");
+  set("system", systemStatus.system || "no system");
+  set("source", systemStatus.source ?? "");
   set("state", state.label);
   get("state").className = `state-${state.kind}`;
   const frame = data.shown();
   set("time", frame ? data.timeText(frame.t) : "–");
-  const latency = standing.latency_us;
+  const latency = systemStatus.latency_us;
   set("latency", latency ? `p50 ${duration(latency.p50)}  p99 ${duration(latency.p99)}` : "–");
-  const course = (standing.services ?? []).find((service) => service.status?.service === "course");
+  const course = (systemStatus.services ?? []).find((service) => service.status?.service === "course");
   // A remote vehicle may not send its samples.
-  const rate_hz = standing.rate_hz || course?.rate_hz;
+  const rate_hz = systemStatus.rate_hz || course?.rate_hz;
   set("rate", rate_hz ? `${rate_hz.toFixed(0)} Hz` : "–");
   set("lost", course ? String(course.status.lost) : "–");
   // A recording has neither latencies nor lost ticks.
   get("latency-field").hidden = get("lost-field").hidden = data.recording.length > 0;
   get("lost-field").className = course && course.status.lost > 0 ? "loud" : "";
-  const { recording } = standing;
-  get("record").hidden = !standing.takes_commands;
+  const { recording } = systemStatus;
+  get("record").hidden = !systemStatus.accepts_commands;
   set("record", recording?.active ? "Stop recording" : "Record");
   const size = recording ? `${recording.file}, ${(recording.bytes * 1e-6).toFixed(1)} MB, ${recording.seconds.toFixed(0)} s` : "";
   set("recording", recordingError || (!recording ? "" : recording.active ? `recording ${size}` : `recorded ${size}: ${recording.result}`));
@@ -205,14 +205,14 @@ function drawBar(now) {
   // The fleet view marks stale rows itself.
   get("view").classList.toggle("stale", viewName !== "fleet" && (state.kind === "stale" || state.kind === "connecting" || state.kind === "ended"));
   get("tab-fleet").hidden = !hasFleet();
-  document.body.classList.toggle("unchosen", standing.state === "STATE_UNCHOSEN");
+  document.body.classList.toggle("unchosen", systemStatus.state === "STATE_UNSELECTED");
   set("pause", data.paused ? (data.recording.length ? "Play" : "Resume") : "Pause");
   set("play", data.paused ? "Play" : "Pause");
-  if (data.recording.length && frame) set("position-time", `${(frame.t - standing.t_first_ns * 1e-9).toFixed(2)} of ${((standing.t_last_ns - standing.t_first_ns) * 1e-9).toFixed(2)} s`);
+  if (data.recording.length && frame) set("position-time", `${(frame.t - systemStatus.t_first_ns * 1e-9).toFixed(2)} of ${((systemStatus.t_last_ns - systemStatus.t_first_ns) * 1e-9).toFixed(2)} s`);
 }
 
 function toggleRecording() {
-  const what = data.standing.recording?.active ? "stop" : "start";
+  const what = data.systemStatus.recording?.active ? "stop" : "start";
   recordingError = sendCommand({ kind: "KIND_RECORD", what }, ({ reason }) => { recordingError = reason; }) ?? "";
 }
 

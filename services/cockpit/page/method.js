@@ -50,9 +50,9 @@ export class Method {
     const end = frame ? frames.indexOf(frame) : -1;
     // Every second frame suffices. Selecting by number keeps the trail steady as frames are added.
     const trail = frames.slice(Math.max(0, end - TRAIL_FRAMES), end + 1).filter((one) => one.number % 2 === 0 || one === frame);
-    const truth = quaternion(frame?.picture.reference?.quaternion);
+    const truth = quaternion(frame?.snapshot.reference?.quaternion);
     const now = { fused: null, gyro: null, accel: null, ...frame?.ups, ink: truth ? up(truth) : null };
-    const inverted = frame?.picture.fused?.chart === "CHART_INVERTED";
+    const inverted = frame?.snapshot.fused?.chart === "CHART_INVERTED";
     const project = (/** @type {Vec} */ v) => (inverted ? pointOf([v[0], -v[1], -v[2]]) : pointOf(v));
     this.drawn = { w: now.fused ? project(now.fused) : null, w_gyro: now.gyro ? project(now.gyro) : null, w_accel: now.accel ? project(now.accel) : null, chart: inverted ? "inverted" : "upright" };
     this.drawSphere(trail, now, project, inverted);

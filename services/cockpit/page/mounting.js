@@ -36,7 +36,7 @@ export class Mounting {
 
   draw() {
     const frame = this.data.frames.at(-1);
-    const up = upOfPoint(frame?.picture.accel), gyro = upOfPoint(frame?.picture.gyro);
+    const up = upOfPoint(frame?.snapshot.accel), gyro = upOfPoint(frame?.snapshot.gyro);
     if (frame && up && this.step && this.step !== "done" && this.data.state(performance.now()).kind === "live") this.update(frame, up, gyro);
     this.drawn = { step: this.step, verdict: this.verdict, correct: this.correct };
     const held = this.held_since === null || !frame ? "" : ` Held for ${(frame.t - this.held_since).toFixed(1)} s.`;

@@ -36,7 +36,7 @@ const FLOATS = 12;
 const LETTER_PX = 7.5, LABEL_PX = 17;
 
 export class Scene {
-  /** @param {HTMLElement} panel @param {number} distance Distance of the camera from the centre @param {number} [centre] Height of the centre of the picture above the origin @param {number} [focal] Focal length of the camera, in half heights of the picture */
+  /** @param {HTMLElement} panel @param {number} distance Distance of the camera from the centre @param {number} [centre] Height of the centre of the snapshot above the origin @param {number} [focal] Focal length of the camera, in half heights of the snapshot */
   constructor(panel, distance, centre = 0, focal = 2.4) {
     this.homeDistance = distance;
     this.centre = centre;
@@ -220,7 +220,7 @@ export class Scene {
       if (!label) continue;
       let [x, y] = project(camera, label.at, width, height);
       const half = (label.text.length * LETTER_PX) / 2;
-      // A label that would cover an earlier one is moved up or down, and one outside the picture to its edge.
+      // A label that would cover an earlier one is moved up or down, and one outside the snapshot to its edge.
       x = clamp(x, half, width - half);
       const covered = places.find(([px, py, other]) => Math.abs(px - x) < half + other && Math.abs(py - y) < LABEL_PX);
       if (covered) y = covered[1] + (y < covered[1] ? -LABEL_PX : LABEL_PX);

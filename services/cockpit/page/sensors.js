@@ -43,11 +43,11 @@ export class Sensors {
   }
 
   draw() {
-    const picture = this.data.shown()?.picture ?? {};
-    const [rate, force, field, velocity] = [vector(picture.imu?.rate_rad_s), vector(picture.imu?.force_m_s2), vector(picture.mag?.field_ut), vector(picture.gnss?.velocity_m_s)];
+    const snapshot = this.data.shown()?.snapshot ?? {};
+    const [rate, force, field, velocity] = [vector(snapshot.imu?.rate_rad_s), vector(snapshot.imu?.force_m_s2), vector(snapshot.mag?.field_ut), vector(snapshot.gnss?.velocity_m_s)];
     const now_s = this.data.shown()?.t ?? 0;
     const age_s = (/** @type {import("./wire.js").Message | null | undefined} */ message) => (message ? now_s - message.header.t_end_ns * 1e-9 : NaN);
-    const ages_s = [age_s(picture.imu), age_s(picture.imu), age_s(picture.mag), age_s(picture.gnss)];
+    const ages_s = [age_s(snapshot.imu), age_s(snapshot.imu), age_s(snapshot.mag), age_s(snapshot.gnss)];
     const row = (/** @type {string} */ name, /** @type {number[] | null} */ v, /** @type {number} */ scale, /** @type {number} */ digits, /** @type {number} */ age_s, /** @type {string} */ expected) => {
       const cell = (/** @type {number} */ x) => (Number.isFinite(x) ? signed(x * scale, digits) : "–");
       return [name, ...(v ? [...v.map(cell), (Math.hypot(...v) * scale).toFixed(digits)] : ["–", "–", "–", "–"]), v ? `${Math.max(0, age_s).toFixed(1)} s` : "–", v ? expected : "no data"];
@@ -64,10 +64,10 @@ export class Sensors {
       row.classList.toggle("old", age_s > (at === 3 ? MAX_FIX_AGE_S : MAX_AGE_S));
       row.hidden = !isPresent[at];
     });
-    const flags = picture.imu ? this.data.flags.filter((_, bit) => Math.floor(picture.imu.header.flags / 2 ** bit) % 2 === 1).map(([name]) => name) : [];
+    const flags = snapshot.imu ? this.data.flags.filter((_, bit) => Math.floor(snapshot.imu.header.flags / 2 ** bit) % 2 === 1).map(([name]) => name) : [];
     write(this.flags, flags.length ? flags.join(", ") : "none");
-    const warnings = [...(this.data.standing.warnings ?? [])];
-    for (const { status } of this.data.standing.services ?? []) for (const diagnostic of status?.troubles ?? []) warnings.push(`${status.service}: ${diagnostic.found}\n${diagnostic.remedy}`);
+    const warnings = [...(this.data.systemStatus.warnings ?? [])];
+    for (const { status } of this.data.systemStatus.services ?? []) for (const diagnostic of status?.troubles ?? []) warnings.push(`${status.service}: ${diagnostic.found}\n${diagnostic.remedy}`);
     const isRecording = this.data.recording.length > 0;
     this.unit.hidden = isRecording;
     this.calibration.draw();

@@ -127,12 +127,12 @@ export class System {
 
   /** @param {string} slot @returns {Message | undefined} */
   statusOf(slot) {
-    return (this.data.standing.services ?? []).map((service) => service.status).find((status) => status?.service === slot && status.state !== "candidate");
+    return (this.data.systemStatus.services ?? []).map((service) => service.status).find((status) => status?.service === slot && status.state !== "candidate");
   }
 
   /** Returns the stage of a slot's shadow, or an empty string. @param {string} slot */
   shadowOf(slot) {
-    const isRunning = (this.data.shown()?.picture.differences ?? []).some((/** @type {Message} */ difference) => difference.service === `SERVICE_${slot.toUpperCase()}`);
+    const isRunning = (this.data.shown()?.snapshot.differences ?? []).some((/** @type {Message} */ difference) => difference.service === `SERVICE_${slot.toUpperCase()}`);
     const candidates = this.data.events.filter((event) => event.kind === "EVENT_KIND_CANDIDATE" && event.service === slot);
     return isRunning ? candidates.at(-1)?.stage ?? "" : "";
   }
@@ -149,15 +149,15 @@ export class System {
 
   /** @returns {Message | undefined} */
   slotShown() {
-    return (this.data.standing.slots ?? []).find((one) => one.slot === this.slot.value);
+    return (this.data.systemStatus.slots ?? []).find((one) => one.slot === this.slot.value);
   }
 
   /** Shows the parameters of the selected stage. */
   showParameters() {
     const slot = this.slotShown(), stage = this.stage.value, runs = stage === this.statusOf(this.slot.value)?.stage;
     const known = this.data.parameters[this.slot.value]?.[stage];
-    const note = runs && slot && !slot.knows_set ? "The values are unknown, because the vehicle is remote. The fields show the defaults." : known ? "" : "The stage is a program. It checks its parameters itself; the launch file sets them.";
-    if (stage) this.parameters.show(`${this.slot.value}: ${stage}${runs ? "" : " (not running)"}`, known, runs && slot?.knows_set ? slot.set : null, note);
+    const note = runs && slot && !slot.is_set_known ? "The values are unknown, because the vehicle is remote. The fields show the defaults." : known ? "" : "The stage is a program. It checks its parameters itself; the launch file sets them.";
+    if (stage) this.parameters.show(`${this.slot.value}: ${stage}${runs ? "" : " (not running)"}`, known, runs && slot?.is_set_known ? slot.set : null, note);
     return runs;
   }
 
@@ -171,13 +171,13 @@ export class System {
   }
 
   draw() {
-    const { standing, events } = this.data;
-    const services = standing.services ?? [];
-    const slots = JSON.stringify((standing.slots ?? []).map((slot) => [slot, this.statusOf(slot.slot)?.stage]));
+    const { systemStatus, events } = this.data;
+    const services = systemStatus.services ?? [];
+    const slots = JSON.stringify((systemStatus.slots ?? []).map((slot) => [slot, this.statusOf(slot.slot)?.stage]));
     if (slots !== this.slots) {
       this.slots = slots;
       const isFirst = !this.slot.value;
-      setOptions(this.slot, (standing.slots ?? []).map(({ slot }) => [slot, slot]));
+      setOptions(this.slot, (systemStatus.slots ?? []).map(({ slot }) => [slot, slot]));
       if (isFirst) this.slot.value = "fuser";
       this.fillStages();
     }
@@ -188,7 +188,7 @@ export class System {
     const runs = this.showParameters();
     this.strips.draw();
     const shadow = this.shadowOf(this.slot.value), hasCandidate = shadow || services.some(({ status }) => status?.service === this.slot.value && status.state === "candidate");
-    for (const button of this.buttons) button.disabled = !standing.takes_commands || (this.isWaiting && this.data.link === "open") || (button.id === "promote" && !shadow) || (button.id === "cancel" && !hasCandidate) || (button.id === "swap" && runs && !this.parameters.isChanged());
+    for (const button of this.buttons) button.disabled = !systemStatus.accepts_commands || (this.isWaiting && this.data.link === "open") || (button.id === "promote" && !shadow) || (button.id === "cancel" && !hasCandidate) || (button.id === "swap" && runs && !this.parameters.isChanged());
     write(this.buttons[0], runs ? "Set parameters…" : "Swap…");
     this.drawn = { services: services.map((service) => [service.status?.service, service.status?.state, service.status?.stage, service.status?.restarts]), events: events.length };
     fillTable(this.services, services.map(serviceCells), COLUMNS.map(([, className]) => className));
@@ -201,7 +201,7 @@ export class System {
     this.servicesTable.hidden = !services.length;
     this.stages.hidden = this.logSection.hidden = this.data.recording.length > 0;
     write(this.servicesNote, services.length ? "" : this.data.recording.length ? "A recording has no services. Its events are listed below." : "No services respond. Start a system with `plumb up`.");
-    const difference = (this.data.shown()?.picture.differences ?? [])[0];
+    const difference = (this.data.shown()?.snapshot.differences ?? [])[0];
     write(this.difference, difference?.now_rad ? `shadow: current difference from the owner ${(difference.now_rad.x / DEGREE).toFixed(3)}°, RMS ${(difference.rms_rad.x / DEGREE).toFixed(3)}° over ${difference.ticks} ticks` : "");
     if (this.shownRevision !== this.data.revision) {
       this.shownRevision = this.data.revision;
@@ -213,7 +213,7 @@ export class System {
   }
 }
 
-/** Returns the cells of a service. @param {Message} standing @returns {string[]} */
+/** Returns the cells of a service. @param {Message} systemStatus @returns {string[]} */
 function serviceCells({ status, rate_hz, latency_us, cpu_percent, resident_mib }) {
   const number = (/** @type {number | null} */ value, /** @type {number} */ digits, /** @type {string} */ unit) => (value === null ? "–" : `${value.toFixed(digits)} ${unit}`);
   return [

@@ -52,7 +52,7 @@ export class Timeline {
   /** Returns the time span: that of the strips, or the whole recording. @returns {[number, number]} */
   span() {
     const { data } = this;
-    return data.recording.length ? [data.standing.t_first_ns * 1e-9, data.standing.t_last_ns * 1e-9] : data.window();
+    return data.recording.length ? [data.systemStatus.t_first_ns * 1e-9, data.systemStatus.t_last_ns * 1e-9] : data.window();
   }
 
   /** @param {number} t */
@@ -145,14 +145,14 @@ export class Timeline {
       const [min, max] = frame.values.subarray(valueIndex(name));
       return Number.isNaN(max) ? [] : RANGES.has(name) ? [[`${name}_min`, min], [`${name}_max`, max]] : [[name, max]];
     });
-    const q = quaternion(frame.picture.attitude?.quaternion);
+    const q = quaternion(frame.snapshot.attitude?.quaternion);
     const all = [["t_s", frame.t], ...(q ? q.map((part, at) => [`q${"wxyz"[at]}`, part]) : []), ...columns];
     await this.copy(`${all.map(([name]) => name).join(",")}\n${all.map(([, value]) => value).join(",")}\n`, `${all.length} values`);
   }
 
   /** Copies the attitude at the cursor, w x y z, in the selected frame. */
   async copyQuaternion() {
-    const q = quaternion(this.data.shown()?.picture.attitude?.quaternion);
+    const q = quaternion(this.data.shown()?.snapshot.attitude?.quaternion);
     if (q) await this.copy(FRAMES[this.frame.value](q).join(", "), `w, x, y, z in ${this.frame.value}`);
   }
 
@@ -165,7 +165,7 @@ export class Timeline {
       this.copyStatus.textContent = "copied: picture";
     } catch {
       const link = element("a", "");
-      link.download = `${this.data.standing.system || "plumbline"}-${this.view}.png`;
+      link.download = `${this.data.systemStatus.system || "plumbline"}-${this.view}.png`;
       link.href = URL.createObjectURL(await picture);
       link.click();
       URL.revokeObjectURL(link.href);

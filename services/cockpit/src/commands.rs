@@ -10,7 +10,7 @@ use std::sync::{Arc, Mutex, PoisonError};
 use control::SwapRequest;
 use launch::StageConfig;
 use tokio::sync::{Semaphore, mpsc::Sender};
-use wire::v1::{Log, PageCommand, SwapAnswer, page_command::Kind, swap_answer, to_page::Said};
+use wire::v1::{Log, PageCommand, SwapAnswer, page_command::Kind, swap_answer, to_page::Content};
 
 use crate::{
     hub::Hub,
@@ -34,7 +34,7 @@ pub(crate) struct Commands {
 pub(crate) struct CommandSession<'c> {
     commands: Option<&'c Commands>,
     hub: Arc<Hub>,
-    replies: Sender<Said>,
+    replies: Sender<Content>,
     /// Slots with a shadow that this viewer started.
     shadows: Arc<Mutex<Vec<String>>>,
 }
@@ -47,13 +47,13 @@ impl Commands {
 }
 
 impl<'c> CommandSession<'c> {
-    pub(crate) fn new(commands: Option<&'c Commands>, hub: Arc<Hub>, replies: Sender<Said>) -> Self {
+    pub(crate) fn new(commands: Option<&'c Commands>, hub: Arc<Hub>, replies: Sender<Content>) -> Self {
         Self { commands, hub, replies, shadows: Arc::default() }
     }
 
     /// Starts executing a command of the viewer.
     pub(crate) fn handle(&mut self, command: PageCommand) {
-        if command.kind() == Kind::Look {
+        if command.kind() == Kind::View {
             return;
         }
         let Some(commands) = self.commands else {
@@ -78,18 +78,18 @@ impl<'c> CommandSession<'c> {
         tokio::task::spawn_blocking(move || {
             let _permit = permit;
             let reply = match command.kind() {
-                Kind::Calibrate => calibrate(&*target, command, &hub).map(Said::Answer),
+                Kind::Calibrate => calibrate(&*target, command, &hub).map(Content::Answer),
                 Kind::Log => Some(read_log(&*target, command, &tokens)),
-                Kind::Apply => Some(Said::Answer(reply(command, |command| {
+                Kind::Apply => Some(Content::Answer(reply(command, |command| {
                     let missing = "there is no result of this calibration any more; repeat it";
                     target.write_launch_file(&hub.calibration_sections(&command.what).ok_or(missing)?)
                 }))),
-                Kind::Record => Some(Said::Answer(reply(command, |command| match &*command.what {
+                Kind::Record => Some(Content::Answer(reply(command, |command| match &*command.what {
                     "start" => target.start_recording(),
                     "stop" => target.stop_recording(),
                     other => Err(format!("unknown command {other:?}: expected start or stop")),
                 }))),
-                _ => Some(Said::Answer(execute(&*target, command, &shadows))),
+                _ => Some(Content::Answer(execute(&*target, command, &shadows))),
             };
             // Sending fails only if the viewer has disconnected.
             if let Some(reply) = reply {
@@ -99,7 +99,7 @@ impl<'c> CommandSession<'c> {
     }
 
     fn reject(&self, command: PageCommand, reason: &str) {
-        let _ = self.replies.try_send(Said::Answer(rejection(command, reason.into())));
+        let _ = self.replies.try_send(Content::Answer(rejection(command, reason.into())));
     }
 }
 
@@ -131,13 +131,13 @@ fn calibrate(target: &dyn CommandTarget, command: PageCommand, hub: &Hub) -> Opt
 }
 
 /// Returns the last lines of the log, or the reason why they are not available.
-fn read_log(target: &dyn CommandTarget, command: PageCommand, tokens: &Tokens) -> Said {
+fn read_log(target: &dyn CommandTarget, command: PageCommand, tokens: &Tokens) -> Content {
     match target.log() {
         Ok(lines) => {
             let lines = lines.iter().map(|line| log::without_tokens(line, tokens)).collect();
-            Said::Log(Log { request_id: command.request_id, lines })
+            Content::Log(Log { request_id: command.request_id, lines })
         }
-        Err(reason) => Said::Answer(rejection(command, reason)),
+        Err(reason) => Content::Answer(rejection(command, reason)),
     }
 }
 

@@ -12,7 +12,7 @@ use messages::{
 };
 use wire::{
     Payload,
-    v1::{Extremes, Picture, Quantity},
+    v1::{Extremes, Quantity, Snapshot},
 };
 
 /// Maximum number of events in a snapshot.
@@ -29,7 +29,7 @@ const QUANTITY_COUNT: usize = Quantity::LatencyS as usize + 1;
 #[derive(Debug)]
 pub struct Decimator {
     snapshots: u64,
-    picture: Picture,
+    snapshot: Snapshot,
     extremes: [Option<[f64; 2]>; QUANTITY_COUNT],
     /// Reference attitudes, indexed by their ticks modulo [`MAX_REFERENCES`].
     references: Vec<Option<Reference>>,
@@ -41,7 +41,7 @@ impl Default for Decimator {
     fn default() -> Self {
         Self {
             snapshots: 0,
-            picture: Picture::default(),
+            snapshot: Snapshot::default(),
             extremes: [None; QUANTITY_COUNT],
             references: vec![None; MAX_REFERENCES],
             attitudes: Vec::new(),
@@ -60,9 +60,9 @@ impl Decimator {
         match topic {
             Topic::Imu => self.push_imu(bytes),
             Topic::Mag => self.push_mag(bytes),
-            Topic::Gnss => store::<GnssFix>(bytes, &mut self.picture.gnss),
-            Topic::Gyro => store::<GyroStep>(bytes, &mut self.picture.gyro),
-            Topic::Accel => store::<AccelPoint>(bytes, &mut self.picture.accel),
+            Topic::Gnss => store::<GnssFix>(bytes, &mut self.snapshot.gnss),
+            Topic::Gyro => store::<GyroStep>(bytes, &mut self.snapshot.gyro),
+            Topic::Accel => store::<AccelPoint>(bytes, &mut self.snapshot.accel),
             Topic::Fused => self.push_fused(bytes),
             Topic::Attitude => self.push_attitude(bytes),
             Topic::Reference => {
@@ -72,7 +72,7 @@ impl Decimator {
             }
             Topic::Difference => {
                 if let Some(difference) = read::<Difference>(bytes) {
-                    let all = &mut self.picture.differences;
+                    let all = &mut self.snapshot.differences;
                     upsert(all, difference.to_proto(), |one, new| one.service == new.service);
                 }
             }
@@ -81,12 +81,12 @@ impl Decimator {
                     let same = |one: &wire::v1::Health, new: &wire::v1::Health| {
                         (one.service, one.incarnation) == (new.service, new.incarnation)
                     };
-                    upsert(&mut self.picture.health, health.to_proto(), same);
+                    upsert(&mut self.snapshot.health, health.to_proto(), same);
                 }
             }
             Topic::Event => {
                 if let Some(event) = read::<SystemEvent>(bytes) {
-                    let events = &mut self.picture.events;
+                    let events = &mut self.snapshot.events;
                     if events.len() >= MAX_EVENTS {
                         events.remove(0);
                     }
@@ -101,17 +101,17 @@ impl Decimator {
     /// Returns a snapshot of the messages since the previous call and starts the next one.
     ///
     /// `now_ns` is the time on CLOCK_MONOTONIC.
-    pub fn take_snapshot(&mut self, now_ns: u64) -> Picture {
+    pub fn take_snapshot(&mut self, now_ns: u64) -> Snapshot {
         self.compare_with_references();
-        let mut picture = std::mem::take(&mut self.picture);
-        (picture.number, picture.t_made_ns) = (self.snapshots, now_ns);
-        picture.extremes = std::mem::replace(&mut self.extremes, [None; QUANTITY_COUNT])
+        let mut snapshot = std::mem::take(&mut self.snapshot);
+        (snapshot.number, snapshot.t_created_ns) = (self.snapshots, now_ns);
+        snapshot.extremes = std::mem::replace(&mut self.extremes, [None; QUANTITY_COUNT])
             .into_iter()
             .zip(0..)
-            .filter_map(|(range, quantity)| range.map(|[least, most]| Extremes { quantity, least, most }))
+            .filter_map(|(range, quantity)| range.map(|[min, max]| Extremes { quantity, min, max }))
             .collect();
         self.snapshots += 1;
-        picture
+        snapshot
     }
 
     /// Computes the errors of the collected attitudes that have a reference of the same tick.
@@ -120,12 +120,12 @@ impl Decimator {
     /// its attitude.
     fn compare_with_references(&mut self) {
         let attitudes = std::mem::take(&mut self.attitudes);
-        self.picture.attitudes = attitudes.len() as u64;
+        self.snapshot.attitudes = attitudes.len() as u64;
         for (tick, quaternion) in attitudes {
             let reference = self.references[tick as usize % MAX_REFERENCES].filter(|reference| reference.tick == tick);
             if let Some(reference) = reference {
                 self.extend_range(Quantity::ErrorRad, angle_rad(quaternion, reference.quaternion));
-                self.picture.reference = Some(reference.to_proto());
+                self.snapshot.reference = Some(reference.to_proto());
             }
         }
     }
@@ -135,31 +135,31 @@ impl Decimator {
         self.extend_range(Quantity::ForceMS2, norm(sample.force_m_s2));
         let axes = [Quantity::RateXRadS, Quantity::RateYRadS, Quantity::RateZRadS];
         axes.into_iter().zip(sample.rate_rad_s).for_each(|(axis, rate_rad_s)| self.extend_range(axis, rate_rad_s));
-        self.picture.flags |= sample.header.flags.0;
-        self.picture.imu = Some(sample.to_proto());
+        self.snapshot.flags |= sample.header.flags.0;
+        self.snapshot.imu = Some(sample.to_proto());
     }
 
     fn push_mag(&mut self, bytes: &[u8]) {
         let Some(sample) = read::<MagSample>(bytes) else { return };
         self.extend_range(Quantity::FieldUt, norm(sample.field_ut));
-        self.picture.mag = Some(sample.to_proto());
+        self.snapshot.mag = Some(sample.to_proto());
     }
 
     fn push_fused(&mut self, bytes: &[u8]) {
         let Some(state) = read::<FusedState>(bytes) else { return };
         self.extend_range(Quantity::InnovationRad, state.innovation_rad);
-        self.picture.fused = Some(state.to_proto());
+        self.snapshot.fused = Some(state.to_proto());
     }
 
     fn push_attitude(&mut self, bytes: &[u8]) {
         let Some(attitude) = read::<AttitudeOutput>(bytes) else { return };
         let header = attitude.header;
         self.extend_range(Quantity::LatencyS, header.t_sent_ns.saturating_sub(header.t_born_ns) as f64 * 1e-9);
-        self.picture.flags |= header.flags.0;
+        self.snapshot.flags |= header.flags.0;
         if self.attitudes.len() < MAX_ATTITUDES {
             self.attitudes.push((header.tick, attitude.quaternion));
         }
-        self.picture.attitude = Some(attitude.to_proto());
+        self.snapshot.attitude = Some(attitude.to_proto());
     }
 
     fn extend_range(&mut self, quantity: Quantity, value: f64) {
@@ -227,11 +227,11 @@ mod tests {
             (sample.header.tick, sample.force_m_s2) = (tick, [0.0, 0.0, force]);
             decimator.push(Topic::Imu, bytemuck::bytes_of(&sample));
         }
-        let picture = decimator.take_snapshot(7);
-        assert_eq!((picture.number, picture.t_made_ns), (0, 7));
-        assert_eq!(picture.imu.and_then(|imu| imu.header).map(|header| header.tick), Some(3));
-        let force = picture.extremes.iter().find(|one| one.quantity() == Quantity::ForceMS2).unwrap();
-        assert_eq!((force.least, force.most), (9.0, 30.0), "the range includes peaks between two snapshots");
+        let snapshot = decimator.take_snapshot(7);
+        assert_eq!((snapshot.number, snapshot.t_created_ns), (0, 7));
+        assert_eq!(snapshot.imu.and_then(|imu| imu.header).map(|header| header.tick), Some(3));
+        let force = snapshot.extremes.iter().find(|one| one.quantity() == Quantity::ForceMS2).unwrap();
+        assert_eq!((force.min, force.max), (9.0, 30.0), "the range includes peaks between two snapshots");
         let next = decimator.take_snapshot(8);
         assert_eq!((next.number, next.imu, next.extremes), (1, None, Vec::new()));
     }
@@ -251,12 +251,12 @@ mod tests {
                 decimator.push(Topic::Attitude, bytemuck::bytes_of(&estimate));
                 decimator.push(Topic::Reference, bytemuck::bytes_of(&reference));
             }
-            let picture = decimator.take_snapshot(0);
-            let error = picture.extremes.iter().find(|one| one.quantity() == Quantity::ErrorRad).unwrap();
-            assert!((error.most - 0.2).abs() < 1e-12, "{error:?}");
-            assert_eq!(picture.reference.map(|reference| reference.tick), Some(7));
-            let latency = picture.extremes.iter().find(|one| one.quantity() == Quantity::LatencyS).unwrap();
-            assert!((latency.most - 50e-6).abs() < 1e-15, "{latency:?}");
+            let snapshot = decimator.take_snapshot(0);
+            let error = snapshot.extremes.iter().find(|one| one.quantity() == Quantity::ErrorRad).unwrap();
+            assert!((error.max - 0.2).abs() < 1e-12, "{error:?}");
+            assert_eq!(snapshot.reference.map(|reference| reference.tick), Some(7));
+            let latency = snapshot.extremes.iter().find(|one| one.quantity() == Quantity::LatencyS).unwrap();
+            assert!((latency.max - 50e-6).abs() < 1e-15, "{latency:?}");
         }
     }
 
@@ -280,9 +280,9 @@ mod tests {
             let event = SystemEvent { number, ..bytemuck::Zeroable::zeroed() };
             decimator.push(Topic::Event, bytemuck::bytes_of(&event));
         }
-        let picture = decimator.take_snapshot(0);
-        let quantities: Vec<_> = picture.extremes.iter().map(Extremes::quantity).collect();
+        let snapshot = decimator.take_snapshot(0);
+        let quantities: Vec<_> = snapshot.extremes.iter().map(Extremes::quantity).collect();
         assert_eq!(quantities, [Quantity::ForceMS2, Quantity::RateYRadS]);
-        assert_eq!((picture.events.len(), picture.events[0].number), (MAX_EVENTS, 5));
+        assert_eq!((snapshot.events.len(), snapshot.events[0].number), (MAX_EVENTS, 5));
     }
 }

@@ -16,7 +16,10 @@ use axum::body::Bytes;
 use tokio::sync::watch::{self, Receiver};
 use wire::{
     command::ControlMessage,
-    v1::{AttitudeOutput, Calibration, Picture, Standing, SystemEvent, ToPage, standing::State, to_page::Said},
+    v1::{
+        AttitudeOutput, Calibration, Snapshot, SystemEvent, SystemStatus, ToPage, system_status::State,
+        to_page::Content,
+    },
 };
 
 use crate::{calibration::CalibrationRequest, decimator::MAX_EVENTS};
@@ -67,14 +70,14 @@ struct Backlog {
 /// Encoded snapshots of the last minute, oldest first.
 #[derive(Debug, Default)]
 struct History {
-    snapshots: VecDeque<Snapshot>,
+    snapshots: VecDeque<EncodedSnapshot>,
     bytes: usize,
     /// Sequence number of the next snapshot.
     next: u64,
 }
 
 #[derive(Debug)]
-struct Snapshot {
+struct EncodedSnapshot {
     number: u64,
     /// Time of the snapshot on CLOCK_MONOTONIC, ns.
     t_ns: u64,
@@ -98,29 +101,29 @@ pub(crate) struct Cursor {
     catches_up_until: Instant,
 }
 
-impl Snapshot {
+impl EncodedSnapshot {
     /// Encodes a snapshot that has no number yet.
-    fn encode(picture: Picture) -> Self {
+    fn encode(snapshot: Snapshot) -> Self {
         Self {
             number: 0,
-            t_ns: picture.t_made_ns,
-            flags: picture.flags,
-            has_data: picture.attitude.is_some() || picture.imu.is_some(),
-            has_events: !picture.events.is_empty(),
-            message: encode(Said::Picture(picture)),
+            t_ns: snapshot.t_created_ns,
+            flags: snapshot.flags,
+            has_data: snapshot.attitude.is_some() || snapshot.imu.is_some(),
+            has_events: !snapshot.events.is_empty(),
+            message: encode(Content::Snapshot(snapshot)),
         }
     }
 }
 
 impl History {
-    fn push(&mut self, snapshot: Snapshot) {
-        let Snapshot { t_ns, has_data, .. } = snapshot;
+    fn push(&mut self, snapshot: EncodedSnapshot) {
+        let EncodedSnapshot { t_ns, has_data, .. } = snapshot;
         self.bytes += snapshot.message.len();
-        self.snapshots.push_back(Snapshot { number: self.next, ..snapshot });
+        self.snapshots.push_back(EncodedSnapshot { number: self.next, ..snapshot });
         self.next += 1;
         // A snapshot without content is kept only for viewers that are up to date.
         if let Some(at) = self.snapshots.len().checked_sub(MAX_LATE_SNAPSHOTS + 1)
-            && let Snapshot { has_data: false, has_events: false, message, .. } = &self.snapshots[at]
+            && let EncodedSnapshot { has_data: false, has_events: false, message, .. } = &self.snapshots[at]
         {
             self.bytes -= message.len();
             self.snapshots.remove(at);
@@ -136,7 +139,7 @@ impl History {
     }
 
     /// Returns the snapshots from `number` on.
-    fn since(&self, number: u64) -> impl Iterator<Item = &Snapshot> {
+    fn since(&self, number: u64) -> impl Iterator<Item = &EncodedSnapshot> {
         self.snapshots.range(self.snapshots.partition_point(|snapshot| snapshot.number < number)..)
     }
 }
@@ -144,7 +147,7 @@ impl History {
 /// Newest values, for `/metrics`.
 #[derive(Debug, Clone, Default)]
 pub(crate) struct LatestState {
-    pub(crate) standing: Standing,
+    pub(crate) status: SystemStatus,
     /// Newest attitude of the running system; `None` unless the system is live.
     pub(crate) attitude: Option<AttitudeOutput>,
     /// Estimated gyro bias in body axes, rad/s.
@@ -153,30 +156,30 @@ pub(crate) struct LatestState {
 
 impl Hub {
     /// Sends a snapshot to the viewers.
-    pub fn publish_snapshot(&self, picture: Picture) {
+    pub fn publish_snapshot(&self, snapshot: Snapshot) {
         let mut backlog = self.backlog();
-        backlog.events.extend(picture.events.iter().cloned());
+        backlog.events.extend(snapshot.events.iter().cloned());
         let excess = backlog.events.len().saturating_sub(MAX_EVENTS);
         backlog.events.drain(..excess);
-        if picture.attitude.is_some() {
-            backlog.latest.attitude = picture.attitude;
+        if snapshot.attitude.is_some() {
+            backlog.latest.attitude = snapshot.attitude;
         }
-        if let Some(bias) = picture.fused.as_ref().and_then(|fused| fused.bias_rad_s.as_ref()) {
+        if let Some(bias) = snapshot.fused.as_ref().and_then(|fused| fused.bias_rad_s.as_ref()) {
             backlog.latest.bias_rad_s = Some([bias.x, bias.y, bias.z]);
         }
-        backlog.history.push(Snapshot::encode(picture));
+        backlog.history.push(EncodedSnapshot::encode(snapshot));
         drop(backlog);
         self.news.send_replace(());
     }
 
     /// Sends the system's status to the viewers. Also clears the latest values unless the system is
     /// live.
-    pub fn publish_status(&self, standing: Standing) {
+    pub fn publish_status(&self, status: SystemStatus) {
         let mut backlog = self.backlog();
-        if standing.state() != State::Live {
+        if status.state() != State::Live {
             backlog.latest = LatestState::default();
         }
-        backlog.latest.standing = standing;
+        backlog.latest.status = status;
         backlog.status_number += 1;
         drop(backlog);
         self.news.send_replace(());
@@ -236,19 +239,19 @@ impl Hub {
         let backlog = self.backlog();
         if cursor.status != Some(backlog.status_number) {
             cursor.status = Some(backlog.status_number);
-            return Some(encode(Said::Standing(backlog.latest.standing.clone())));
+            return Some(encode(Content::SystemStatus(backlog.latest.status.clone())));
         }
         if !std::mem::replace(&mut cursor.has_earlier_events, true) {
-            return Some(encode(Said::Picture(backlog.summary(u64::MAX))));
+            return Some(encode(Content::Snapshot(backlog.summary(u64::MAX))));
         }
         if cursor.calibration != backlog.calibration_number {
             cursor.calibration = backlog.calibration_number;
-            return Some(encode(Said::Calibration(backlog.calibration.clone().unwrap_or_default())));
+            return Some(encode(Content::Calibration(backlog.calibration.clone().unwrap_or_default())));
         }
         let late = backlog.history.next.saturating_sub(cursor.snapshot);
         if late > MAX_LATE_SNAPSHOTS as u64 && Instant::now() >= cursor.catches_up_until {
             let from = std::mem::replace(&mut cursor.snapshot, backlog.history.next - 1);
-            return Some(encode(Said::Picture(backlog.summary(from))));
+            return Some(encode(Content::Snapshot(backlog.summary(from))));
         }
         let snapshot = backlog.history.since(cursor.snapshot).next()?;
         cursor.snapshot = snapshot.number + 1;
@@ -267,14 +270,14 @@ impl Hub {
 
 impl Backlog {
     /// Returns a snapshot of all events and the combined flags of the snapshots from `number` on.
-    fn summary(&self, number: u64) -> Picture {
+    fn summary(&self, number: u64) -> Snapshot {
         let flags = self.history.since(number).fold(0, |all, snapshot| all | snapshot.flags);
-        Picture { events: self.events.iter().cloned().collect(), flags, ..Picture::default() }
+        Snapshot { events: self.events.iter().cloned().collect(), flags, ..Snapshot::default() }
     }
 }
 
-pub(crate) fn encode(message: Said) -> Bytes {
-    ToPage { said: Some(message) }.to_bytes().into()
+pub(crate) fn encode(message: Content) -> Bytes {
+    ToPage { content: Some(message) }.to_bytes().into()
 }
 
 #[cfg(test)]
@@ -282,8 +285,8 @@ mod tests {
     use super::*;
 
     /// Returns the snapshots that a viewer receives until it has received all messages.
-    fn receive(hub: &Hub, cursor: &mut Cursor) -> Vec<Picture> {
-        std::iter::from_fn(|| hub.next_message(cursor)).filter_map(|message| picture(&message)).collect()
+    fn receive(hub: &Hub, cursor: &mut Cursor) -> Vec<Snapshot> {
+        std::iter::from_fn(|| hub.next_message(cursor)).filter_map(|message| snapshot(&message)).collect()
     }
 
     /// Returns the position of a viewer that subscribed more than [`CATCH_UP_TIME`] ago.
@@ -291,16 +294,16 @@ mod tests {
         Cursor { catches_up_until: Instant::now(), ..hub.subscribe().0 }
     }
 
-    fn picture(message: &[u8]) -> Option<Picture> {
-        match ToPage::from_bytes(message).unwrap().said {
-            Some(Said::Picture(picture)) => Some(picture),
+    fn snapshot(message: &[u8]) -> Option<Snapshot> {
+        match ToPage::from_bytes(message).unwrap().content {
+            Some(Content::Snapshot(snapshot)) => Some(snapshot),
             _ => None,
         }
     }
 
-    fn with_data(number: u64) -> Picture {
+    fn with_data(number: u64) -> Snapshot {
         let attitude = Some(AttitudeOutput::default());
-        Picture { number, t_made_ns: number * 33_000_000, attitude, ..Picture::default() }
+        Snapshot { number, t_created_ns: number * 33_000_000, attitude, ..Snapshot::default() }
     }
 
     #[test]
@@ -308,16 +311,17 @@ mod tests {
         let hub = Hub::default();
         for number in 0..3000 {
             let attitude = with_data(number).attitude.filter(|_| number % 2 == 0);
-            hub.publish_snapshot(Picture { attitude, ..with_data(number) });
+            hub.publish_snapshot(Snapshot { attitude, ..with_data(number) });
         }
         let (mut cursor, _) = hub.subscribe();
-        let numbers: Vec<_> = receive(&hub, &mut cursor).iter().skip(1).map(|picture| picture.number).collect();
+        let numbers: Vec<_> = receive(&hub, &mut cursor).iter().skip(1).map(|snapshot| snapshot.number).collect();
         // The last 60 s contain 1818 snapshots. Every second one has data and is kept, and so are
         // the newest eight.
         let expected: Vec<_> = (1180..3000).filter(|number| number % 2 == 0 || *number >= 2992).collect();
         assert_eq!(numbers, expected);
         let mut history = History::default();
-        let large = |number| Snapshot { message: vec![0; 1 << 16].into(), ..Snapshot::encode(with_data(number)) };
+        let large =
+            |number| EncodedSnapshot { message: vec![0; 1 << 16].into(), ..EncodedSnapshot::encode(with_data(number)) };
         (0..1000).for_each(|number| history.push(large(number)));
         assert_eq!((history.bytes, history.snapshots.len()), (MAX_HISTORY_BYTES, MAX_HISTORY_BYTES >> 16));
     }
@@ -330,7 +334,7 @@ mod tests {
         // While the history is sent, more new snapshots arrive than `MAX_LATE_SNAPSHOTS`.
         let (mut received, mut next) = (Vec::new(), 500);
         while let Some(message) = hub.next_message(&mut cursor) {
-            received.extend(picture(&message));
+            received.extend(snapshot(&message));
             if received.len() % 2 == 0 {
                 hub.publish_snapshot(with_data(next));
                 next += 1;
@@ -339,7 +343,7 @@ mod tests {
         // A page that is loading may be too busy to receive the next snapshots in time.
         (next..next + 100).for_each(|number| hub.publish_snapshot(with_data(number)));
         (received, next) = (received.into_iter().chain(receive(&hub, &mut cursor)).collect(), next + 100);
-        let numbers: Vec<_> = received.iter().skip(1).map(|picture| picture.number).collect();
+        let numbers: Vec<_> = received.iter().skip(1).map(|snapshot| snapshot.number).collect();
         assert!(next > 1000, "{next}");
         assert_eq!(numbers, (0..next).collect::<Vec<_>>());
     }
@@ -350,7 +354,7 @@ mod tests {
         let mut cursor = earlier_viewer(&hub);
         assert_eq!(receive(&hub, &mut cursor).len(), 1, "the summary of the events");
         (0..1000).for_each(|number| hub.publish_snapshot(with_data(number)));
-        let numbers: Vec<_> = receive(&hub, &mut cursor).iter().skip(1).map(|picture| picture.number).collect();
+        let numbers: Vec<_> = receive(&hub, &mut cursor).iter().skip(1).map(|snapshot| snapshot.number).collect();
         assert_eq!(numbers, [999]);
         (1000..1008).for_each(|number| hub.publish_snapshot(with_data(number)));
         assert_eq!(receive(&hub, &mut cursor).len(), MAX_LATE_SNAPSHOTS, "a short delay loses nothing");
@@ -360,11 +364,11 @@ mod tests {
     fn summary_includes_events_and_flags_of_missed_snapshots() {
         let hub = Hub::default();
         let mut cursor = earlier_viewer(&hub);
-        hub.publish_snapshot(Picture { flags: 0b1000, ..with_data(0) });
+        hub.publish_snapshot(Snapshot { flags: 0b1000, ..with_data(0) });
         receive(&hub, &mut cursor);
         let events = vec![SystemEvent { number: 7, ..SystemEvent::default() }];
-        hub.publish_snapshot(Picture { events, flags: 0b100, ..with_data(1) });
-        (2..20).for_each(|number| hub.publish_snapshot(Picture { flags: 0b1, ..with_data(number) }));
+        hub.publish_snapshot(Snapshot { events, flags: 0b100, ..with_data(1) });
+        (2..20).for_each(|number| hub.publish_snapshot(Snapshot { flags: 0b1, ..with_data(number) }));
         let summary = receive(&hub, &mut cursor).remove(0);
         assert_eq!(summary.events.iter().map(|event| event.number).collect::<Vec<_>>(), [7]);
         assert_eq!(summary.flags, 0b101, "flags of received snapshots are not repeated");
@@ -375,7 +379,7 @@ mod tests {
         let hub = Hub::default();
         for number in 0..(MAX_EVENTS as u64 + 10) {
             let events = vec![SystemEvent { number, ..SystemEvent::default() }];
-            hub.publish_snapshot(Picture { events, ..Picture::default() });
+            hub.publish_snapshot(Snapshot { events, ..Snapshot::default() });
         }
         let (mut cursor, _) = hub.subscribe();
         let past = receive(&hub, &mut cursor).remove(0);
@@ -396,8 +400,8 @@ mod tests {
         assert_eq!(hub.calibration_sections("accel"), None, "the result is another one");
         (0..1000).for_each(|number| hub.publish_snapshot(with_data(number)));
         let received: Vec<_> = std::iter::from_fn(|| hub.next_message(&mut cursor)).collect();
-        let reports = received.iter().filter_map(|message| match ToPage::from_bytes(message).unwrap().said {
-            Some(Said::Calibration(calibration)) => Some(calibration.report),
+        let reports = received.iter().filter_map(|message| match ToPage::from_bytes(message).unwrap().content {
+            Some(Content::Calibration(calibration)) => Some(calibration.report),
             _ => None,
         });
         assert_eq!(reports.collect::<Vec<_>>(), ["bias"]);

@@ -177,7 +177,7 @@ impl CommandTarget for SupervisorClient {
         self.request(&ControlRequest::Status)
     }
 
-    fn takes_commands(&self) -> bool {
+    fn accepts_commands(&self) -> bool {
         true
     }
 

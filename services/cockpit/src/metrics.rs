@@ -8,7 +8,7 @@
 use std::fmt::Write as _;
 
 use messages::Flags;
-use wire::v1::{CourseReference, LatencyUs, ServiceStanding, standing::State};
+use wire::v1::{CourseReference, LatencyUs, ServiceReport, system_status::State};
 
 use crate::hub::LatestState;
 
@@ -27,15 +27,15 @@ const SUPERVISOR: &str = "supervisor";
 pub(crate) fn render(system: &str, newest: &LatestState, now_ns: u64) -> String {
     let mut text = Exposition(String::new());
     system_info(&mut text, system, newest);
-    if newest.standing.state() == State::Live {
-        services(&mut text, &newest.standing.services);
+    if newest.status.state() == State::Live {
+        services(&mut text, &newest.status.services);
         attitude_path(&mut text, newest, now_ns);
     }
     text.0
 }
 
 /// Writes the metrics of the program version, of the connection and of the source.
-fn system_info(text: &mut Exposition, system: &str, LatestState { standing, .. }: &LatestState) {
+fn system_info(text: &mut Exposition, system: &str, LatestState { status, .. }: &LatestState) {
     let build = [("version", env!("CARGO_PKG_VERSION")), ("system", system)];
     text.gauge("plumbline_build_info", "Version of the exporting program and name of the system.", [(&build[..], 1.0)]);
     let states = [
@@ -44,22 +44,22 @@ fn system_info(text: &mut Exposition, system: &str, LatestState { standing, .. }
         (State::Ended, [("state", "ended")]),
         (State::Recording, [("state", "recording")]),
     ];
-    let connected_states = states.iter().filter(|_| standing.state() != State::Unspecified);
-    let samples = connected_states.map(|(state, label)| (&label[..], f64::from(u8::from(*state == standing.state()))));
+    let connected_states = states.iter().filter(|_| status.state() != State::Unspecified);
+    let samples = connected_states.map(|(state, label)| (&label[..], f64::from(u8::from(*state == status.state()))));
     text.gauge(
         "plumbline_connection_state",
         "1 for the current state of the connection to the system, 0 for the others.",
         samples,
     );
-    let source = [("source", standing.source.as_str())];
-    let source = (!standing.source.is_empty()).then_some((&source[..], 1.0));
+    let source = [("source", status.source.as_str())];
+    let source = (!status.source.is_empty()).then_some((&source[..], 1.0));
     text.gauge("plumbline_source_info", "Source of the system's samples.", source);
-    let declared = Some((&[][..], standing.rate_hz)).filter(|(_, rate_hz)| *rate_hz > 0.0);
+    let declared = Some((&[][..], status.rate_hz)).filter(|(_, rate_hz)| *rate_hz > 0.0);
     text.gauge("plumbline_source_rate_hertz", "Declared tick rate of the source.", declared);
 }
 
 /// Writes the state, the counters and the resource usage of each service.
-fn services(text: &mut Exposition, all: &[ServiceStanding]) {
+fn services(text: &mut Exposition, all: &[ServiceReport]) {
     let all: Vec<_> = all.iter().filter_map(|one| Some((one, one.status.as_ref()?))).take(MAX_SERVICES).collect();
     let names: Vec<_> = all.iter().map(|(_, status)| [("service", status.service.as_str())]).collect();
     let labelled = || names.iter().map(|name| &name[..]).zip(&all);
@@ -105,10 +105,10 @@ fn services(text: &mut Exposition, all: &[ServiceStanding]) {
 }
 
 /// Writes the newest attitude, its latency and the number of input warnings.
-fn attitude_path(text: &mut Exposition, LatestState { standing, attitude, bias_rad_s }: &LatestState, now_ns: u64) {
-    let warnings = standing.warnings.len() as f64;
+fn attitude_path(text: &mut Exposition, LatestState { status, attitude, bias_rad_s }: &LatestState, now_ns: u64) {
+    let warnings = status.warnings.len() as f64;
     text.gauge("plumbline_input_warnings", "Warnings of the input check.", unlabelled(Some(warnings)));
-    let latencies = standing.latency_us.as_ref().map(quantiles).into_iter().flatten();
+    let latencies = status.latency_us.as_ref().map(quantiles).into_iter().flatten();
     let latencies: Vec<_> = latencies.map(|(quantile, s)| ([("quantile", quantile)], s)).collect();
     let samples = latencies.iter().map(|(labels, s)| (&labels[..], *s));
     let help = "Time from the reception of a sample at ingest to its attitude, over the last second.";
@@ -232,7 +232,7 @@ fn escape_label(value: &str) -> String {
 mod tests {
     use std::{collections::BTreeSet, fs, path::Path};
 
-    use wire::v1::{AttitudeOutput, Header, ServiceStatus, Standing};
+    use wire::v1::{AttitudeOutput, Header, ServiceStatus, SystemStatus};
 
     use super::*;
 
@@ -240,7 +240,7 @@ mod tests {
         Some(LatencyUs { p50: 40.0, p99: 90.0, max: 250.0 })
     }
 
-    fn service(name: &str, stage: &str) -> ServiceStanding {
+    fn service(name: &str, stage: &str) -> ServiceReport {
         let status = ServiceStatus {
             service: name.into(),
             stage: stage.into(),
@@ -249,7 +249,7 @@ mod tests {
             ticks: 5000,
             ..ServiceStatus::default()
         };
-        ServiceStanding {
+        ServiceReport {
             status: Some(status),
             rate_hz: Some(1000.0),
             latency_us: latency(),
@@ -270,15 +270,15 @@ mod tests {
             inclination_sd_rad: 0.01,
             ..AttitudeOutput::default()
         };
-        let standing = Standing {
+        let status = SystemStatus {
             state: State::Live.into(),
             source: "sim s1".into(),
             rate_hz: 1000.0,
-            services: vec![service("fuser", "wz"), ServiceStanding { rate_hz: None, ..service(SUPERVISOR, "") }],
+            services: vec![service("fuser", "wz"), ServiceReport { rate_hz: None, ..service(SUPERVISOR, "") }],
             latency_us: latency(),
-            ..Standing::default()
+            ..SystemStatus::default()
         };
-        LatestState { standing, attitude: Some(attitude), bias_rad_s: Some([0.001, 0.0, -0.002]) }
+        LatestState { status, attitude: Some(attitude), bias_rad_s: Some([0.001, 0.0, -0.002]) }
     }
 
     fn lines(newest: &LatestState) -> Vec<String> {
@@ -317,13 +317,13 @@ mod tests {
         let expected = ["plumbline_build_info"].map(String::from).into();
         assert_eq!(names(&LatestState::default()), expected, "before the first status");
         let mut ended = complete();
-        ended.standing.state = State::Ended.into();
+        ended.status.state = State::Ended.into();
         assert!(names(&ended).iter().all(|name| !name.contains("attitude") && !name.contains("service")), "{ended:?}");
         let mut sparse = complete();
         sparse.bias_rad_s = Some([0.0; 3]);
-        sparse.standing.services[0].cpu_percent = None;
-        sparse.standing.services[1].cpu_percent = None;
-        sparse.standing.services[0].latency_us = Some(LatencyUs { p50: f64::NAN, p99: f64::INFINITY, max: 1.0 });
+        sparse.status.services[0].cpu_percent = None;
+        sparse.status.services[1].cpu_percent = None;
+        sparse.status.services[0].latency_us = Some(LatencyUs { p50: f64::NAN, p99: f64::INFINITY, max: 1.0 });
         if let Some(attitude) = &mut sparse.attitude {
             attitude.course_sd_rad = std::f64::consts::PI;
         }
@@ -346,7 +346,7 @@ mod tests {
     #[test]
     fn text_length_is_bounded() {
         let mut many = complete();
-        many.standing.services = vec![service(&"x".repeat(10_000), &"y".repeat(10_000)); 10_000];
+        many.status.services = vec![service(&"x".repeat(10_000), &"y".repeat(10_000)); 10_000];
         let length = render(&"\n".repeat(10_000), &many, 0).len();
         assert!(length < 512 * 1024, "{length} bytes");
     }

@@ -8,7 +8,7 @@ use graph::Topic;
 use wire::{
     cockpit,
     command::ControlMessage,
-    v1::{Standing, standing::State},
+    v1::{SystemStatus, system_status::State},
 };
 
 use crate::{SNAPSHOT_INTERVAL, decimator::Decimator};
@@ -60,12 +60,12 @@ impl Recording {
             remaining_bytes = remaining_bytes.saturating_sub(snapshot.len());
             fits
         });
-        cockpit::encode_pictures(fitting.map(Vec::as_slice))
+        cockpit::encode_snapshots(fitting.map(Vec::as_slice))
     }
 
     /// Returns the status message for the page.
-    pub fn status(&self) -> Standing {
-        Standing {
+    pub fn status(&self) -> SystemStatus {
+        SystemStatus {
             state: State::Recording.into(),
             system: self.name.clone(),
             source: "recording".into(),
@@ -73,8 +73,8 @@ impl Recording {
             version: env!("CARGO_PKG_VERSION").into(),
             t_first_ns: self.t_first_ns,
             t_last_ns: self.t_last_ns,
-            pictures: self.snapshots.len() as u64,
-            ..Standing::default()
+            snapshots: self.snapshots.len() as u64,
+            ..SystemStatus::default()
         }
     }
 }
@@ -117,7 +117,7 @@ impl RecordingBuilder {
 #[cfg(test)]
 mod tests {
     use messages::AttitudeOutput;
-    use wire::v1::Picture;
+    use wire::v1::Snapshot;
 
     use super::*;
 
@@ -137,7 +137,7 @@ mod tests {
         }
         let recording = builder.finish();
         assert!(recording.snapshots.len() as u64 <= MAX_SNAPSHOTS + 1, "{}", recording.snapshots.len());
-        let middle = Picture::from_bytes(&recording.snapshots[MAX_SNAPSHOTS as usize / 2]).unwrap();
+        let middle = Snapshot::from_bytes(&recording.snapshots[MAX_SNAPSHOTS as usize / 2]).unwrap();
         let t_ns = middle.attitude.map_or(0, |attitude| attitude.header.unwrap_or_default().t_end_ns);
         assert!((t_ns - HOURS_4_NS / 2).abs() <= HOURS_4_NS / MAX_SNAPSHOTS as i64 + 1_000_000_000 || t_ns == 0);
     }
@@ -159,7 +159,7 @@ mod tests {
         let mut builder = Recording::builder("short", 100.0, 0, 1_000_000_000);
         (0..100).for_each(|i| builder.push(i * 10_000_000, Topic::Attitude, bytemuck::bytes_of(&attitude_at(i))));
         let recording = builder.finish();
-        assert_eq!(recording.status().pictures, 31, "one per 33 ms of a second");
+        assert_eq!(recording.status().snapshots, 31, "one per 33 ms of a second");
         assert!(recording.encode_snapshots(0, usize::MAX).len() > recording.encode_snapshots(30, 10).len());
         assert_eq!(recording.encode_snapshots(31, 1), Vec::<u8>::new());
     }

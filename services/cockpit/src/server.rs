@@ -210,7 +210,7 @@ impl Server {
         });
         let router = Router::new()
             .route("/socket", get(view_socket))
-            .route("/pictures", get(recording_snapshots))
+            .route("/snapshots", get(recording_snapshots))
             .route("/metrics", get(metrics_page));
         #[cfg(feature = "foxglove")]
         let router = router.route(guard::FOXGLOVE_PATH, get(foxglove_socket));
@@ -339,7 +339,7 @@ async fn serve_viewer(mut socket: WebSocket, state: &ServerState, uri: &Uri, pla
         Ok(view) => view,
         Err((_, reason)) => return socket::close(socket, CLOSE_UNKNOWN_VEHICLE, reason.trim_end()).await,
     };
-    let target = view.target.clone().filter(|target| target.takes_commands());
+    let target = view.target.clone().filter(|target| target.accepts_commands());
     let commands = target.zip(state.site.tokens.clone());
     let commands = commands.map(|(target, tokens)| Commands::new(target, tokens, state.command_permits.clone()));
     socket::serve(socket, view.hub, commands.as_ref(), tokens, place).await;
@@ -399,7 +399,7 @@ async fn metrics_page(State(state): State<Arc<ServerState>>, uri: Uri, headers: 
     ([(header::CONTENT_TYPE, metrics::CONTENT_TYPE)], text).into_response()
 }
 
-/// Serves `/pictures?FROM+COUNT`, which returns snapshots of a recording.
+/// Serves `/snapshots?FROM+COUNT`, which returns snapshots of a recording.
 async fn recording_snapshots(State(state): State<Arc<ServerState>>, request: Request) -> Response {
     if let Some(rejection) = state.authorization_error(request.headers()) {
         return rejection;
@@ -410,7 +410,7 @@ async fn recording_snapshots(State(state): State<Arc<ServerState>>, request: Req
     let range = request.uri().query().and_then(|query| query.split_once('+'));
     let range = range.and_then(|(from, count)| Some((from.parse().ok()?, count.parse().ok()?)));
     let Some((from, count)) = range else {
-        return (StatusCode::BAD_REQUEST, "expected /pictures?FROM+COUNT\n").into_response();
+        return (StatusCode::BAD_REQUEST, "expected /snapshots?FROM+COUNT\n").into_response();
     };
     let kind = [(header::CONTENT_TYPE, "application/x-protobuf")];
     (kind, Body::from(recording.encode_snapshots(from, count))).into_response()

@@ -17,7 +17,7 @@ use tokio::{
 };
 use wire::{
     command::ControlMessage as _,
-    v1::{PageCommand, page_command::Kind, to_page::Said},
+    v1::{PageCommand, page_command::Kind, to_page::Content},
 };
 
 use crate::{
@@ -76,7 +76,7 @@ pub(crate) async fn receive_token(
     };
     place.inflow().record(&message);
     let Message::Binary(bytes) = message else { return Err(TokenRejection::Missing) };
-    let command = PageCommand::from_bytes(&bytes).ok().filter(|command| command.kind() == Kind::Look);
+    let command = PageCommand::from_bytes(&bytes).ok().filter(|command| command.kind() == Kind::View);
     let role = command.zip(tokens).and_then(|(command, tokens)| tokens.role(&command.token));
     Ok(place.show_token(role.ok_or(TokenRejection::Missing)?)?)
 }
@@ -90,7 +90,7 @@ pub(crate) async fn serve(
     place: &Place,
 ) {
     let (mut cursor, mut news) = hub.subscribe();
-    let (reply_tx, mut reply_rx) = mpsc::channel::<Said>(MAX_QUEUED_REPLIES);
+    let (reply_tx, mut reply_rx) = mpsc::channel::<Content>(MAX_QUEUED_REPLIES);
     let mut session = CommandSession::new(commands, hub.clone(), reply_tx);
     loop {
         let event = next_event(&mut socket, place.inflow(), &hub, (&mut cursor, &mut news), &mut reply_rx).await;
@@ -129,7 +129,7 @@ async fn next_event(
     inflow: &Inflow,
     hub: &Hub,
     (cursor, news): (&mut Cursor, &mut watch::Receiver<()>),
-    replies: &mut mpsc::Receiver<Said>,
+    replies: &mut mpsc::Receiver<Content>,
 ) -> Event {
     use std::{future::poll_fn, pin::pin, task::Poll};
     // Polls all three futures. They are cancel-safe, so dropping them loses nothing.

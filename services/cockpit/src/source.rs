@@ -91,7 +91,7 @@ pub trait CommandTarget: Send + Sync {
     }
 
     /// Returns `true` if this target accepts commands.
-    fn takes_commands(&self) -> bool;
+    fn accepts_commands(&self) -> bool;
 
     /// Swaps the stage of a slot or runs a shadow, and waits for completion.
     ///

@@ -21,7 +21,9 @@ use observe::{
     process::{ProcessMonitor, ProcessUsage},
 };
 use runtime::clock::monotonic_ns;
-use wire::v1::{LatencyUs, Recording, ServiceStanding, Setting, SlotStages, Standing, VehicleLine, standing::State};
+use wire::v1::{
+    LatencyUs, Recording, ServiceReport, Setting, SlotStages, SystemStatus, VehicleLine, system_status::State,
+};
 
 use crate::source::{CommandTarget, SlotDescription, SourceState, SystemDescription};
 
@@ -65,7 +67,7 @@ pub(crate) struct StatusMonitor {
     /// Sequence number of the newest query that was started before the last event. Its result may
     /// be outdated. `None` once the status contains the result of a later query.
     outdated_query: Option<u64>,
-    takes_commands: bool,
+    accepts_commands: bool,
     hops: HopLatencies,
     previous: [Option<Header>; Service::PATH.len()],
     processes: ProcessMonitor,
@@ -83,14 +85,14 @@ impl StatusMonitor {
 
     fn with_interval(target: Arc<dyn CommandTarget>, has_every_tick: bool, interval: Duration) -> Self {
         let report = Arc::new(Mutex::<SupervisorReport>::default());
-        let takes_commands = target.takes_commands();
+        let accepts_commands = target.accepts_commands();
         let weak_report = Arc::downgrade(&report);
         let poller = thread::spawn(move || poll_supervisor(&*target, &weak_report, interval)).thread().clone();
         Self {
             report,
             poller,
             outdated_query: None,
-            takes_commands,
+            accepts_commands,
             hops: HopLatencies::default(),
             previous: [None; Service::PATH.len()],
             processes: ProcessMonitor::default(),
@@ -146,7 +148,7 @@ impl StatusMonitor {
     }
 
     /// Returns the current status. Its measurements cover the time since the previous measurements.
-    pub(crate) fn status(&mut self, state: SourceState) -> Standing {
+    pub(crate) fn status(&mut self, state: SourceState) -> SystemStatus {
         let (reply, vehicles, recording) = {
             let report = lock(&self.report);
             self.outdated_query = self.outdated_query.filter(|outdated| report.query <= *outdated);
@@ -173,7 +175,7 @@ impl StatusMonitor {
             let service = Service::from_name(status.service.raw()).filter(|service| !service.is_auxiliary());
             let path_measurements = measurements.zip(service);
             let usage = measurements.zip(status.pid).and_then(|(measurements, pid)| measurements.costs.get(&pid));
-            ServiceStanding {
+            ServiceReport {
                 rate_hz: path_measurements.and_then(|(measurements, service)| measurements.rates_hz[service as usize]),
                 latency_us: path_measurements
                     .and_then(|(measurements, service)| measurements.latencies[service as usize])
@@ -187,16 +189,16 @@ impl StatusMonitor {
         });
         let services = services.collect();
         let latency_us = measurements.and_then(|measurements| measurements.end_to_end).map(latency);
-        let (wire_state, why) = match &state {
-            SourceState::Connecting(why) => (State::Connecting, why.clone()),
-            SourceState::Unselected => (State::Unchosen, String::new()),
+        let (wire_state, reason) = match &state {
+            SourceState::Connecting(reason) => (State::Connecting, reason.clone()),
+            SourceState::Unselected => (State::Unselected, String::new()),
             SourceState::Live => (State::Live, String::new()),
-            SourceState::Ended(why) => (State::Ended, why.clone()),
+            SourceState::Ended(reason) => (State::Ended, reason.clone()),
         };
         self.state = Some(state);
-        Standing {
+        SystemStatus {
             state: wire_state.into(),
-            why,
+            reason,
             system: description.system,
             source: description.source,
             rate_hz: description.rate_hz,
@@ -204,11 +206,11 @@ impl StatusMonitor {
             services,
             latency_us,
             slots: description.slots.into_iter().map(slot_stages).collect(),
-            takes_commands: self.takes_commands,
+            accepts_commands: self.accepts_commands,
             warnings: self.warnings.clone(),
             vehicles,
             recording,
-            ..Standing::default()
+            ..SystemStatus::default()
         }
     }
 
@@ -264,9 +266,9 @@ fn rate_hz(previous: Option<Header>, now: Option<Header>) -> Option<f64> {
 }
 
 fn slot_stages(SlotDescription { slot, stages, set }: SlotDescription) -> SlotStages {
-    let knows_set = set.is_some();
+    let is_set_known = set.is_some();
     let set = set.into_iter().flatten().map(|(name, value)| Setting { name, value }).collect();
-    SlotStages { slot, stages, set, knows_set }
+    SlotStages { slot, stages, set, is_set_known }
 }
 
 fn latency(latency: observe::hops::LatencyUs) -> LatencyUs {
@@ -299,7 +301,7 @@ mod tests {
             Ok(vec![serde_json::from_str(&status).unwrap()])
         }
 
-        fn takes_commands(&self) -> bool {
+        fn accepts_commands(&self) -> bool {
             true
         }
 

@@ -47,7 +47,7 @@ const USER_HZ: f64 = 100.0;
 /// Time allowed for a process to exit at shutdown before it is killed.
 const TERMINATE_TIMEOUT: Duration = Duration::from_millis(800);
 
-/// Minimum time from the kill to the exit of a process for which the time is reported.
+/// Shortest delay that is reported if a killed process takes long to exit.
 const LATE_EXIT: Duration = Duration::from_millis(100);
 
 /// Maximum number of exited processes that wait for the reaper thread.

@@ -330,7 +330,7 @@ impl System {
         let number = self.event_count;
         self.event_count += 1;
         if let Some(connection) = &self.connection {
-            connection.publish_event(&SystemEvent { number, t_told_ns: monotonic_ns(), ..event });
+            connection.publish_event(&SystemEvent { number, t_event_ns: monotonic_ns(), ..event });
         }
     }
 

@@ -344,8 +344,8 @@ impl CsvFiles {
         self.read_bytes.get()
     }
 
-    /// Returns the mapping with the units given in the column names, and the names of these units
-    /// except default ones.
+    /// Returns the mapping with the units that the column names contain, and the names of those
+    /// units that are not the default.
     fn with_header_units(
         &self,
         mapping: &Mapping,

@@ -196,7 +196,7 @@ fn line(name: &str, vehicle: &Vehicle, services: Option<&Services>) -> VehicleLi
     let status = |slot: &str| services.and_then(|all| all.services.iter().find(|one| one.service == slot));
     VehicleLine {
         vehicle: name.into(),
-        lives: vehicle.is_alive,
+        alive: vehicle.is_alive,
         age_s: vehicle.attitude_at.map(|at| at.elapsed().as_secs_f64()),
         attitude: vehicle.attitude.map(|attitude| attitude_from_frame(vehicle.frame, attitude).to_proto()),
         lost_messages: vehicle.lost(),

@@ -146,7 +146,7 @@ impl CommandTarget for RemoteCommandTarget {
         self.lines.lock().unwrap_or_else(PoisonError::into_inner).clone()
     }
 
-    fn takes_commands(&self) -> bool {
+    fn accepts_commands(&self) -> bool {
         self.name.is_some() && self.endpoint.is_secured()
     }
 

@@ -101,7 +101,7 @@ pub(crate) fn gyro_bias(trial: &Trial, launches: &[Launch]) -> Option<impl Fn(i6
     trial.gyro_bias_rad_s().filter(|_| launches.iter().all(is_default))
 }
 
-/// Returns the configuration of the slots, as in a system that replays a recording at maximum
+/// Returns the configuration that the slots have in a system that replays a recording at maximum
 /// speed.
 pub(crate) fn config(launch: &Launch, trial: &Trial) -> ServiceConfig {
     let mut launch = launch.clone();

@@ -33,7 +33,7 @@ impl Collector {
         Self { subscriber, stream, sequence: Sequence::default(), attitudes: Vec::new(), epoch: 0, superseded: 0 }
     }
 
-    /// Continues on a renewed bus.
+    /// Subscribes again after the bus was renewed.
     pub(crate) fn reconnect(&mut self, bus: &mut Bus, config: &ServiceConfig) {
         (self.subscriber, self.stream) = subscribe(bus, self.sequence.next_tick, config);
         self.epoch = 0;
@@ -43,8 +43,8 @@ impl Collector {
     pub(crate) fn collect(&mut self, bus: &mut Bus, random: &mut Random) {
         let Self { subscriber, stream, .. } = self;
         let mut outputs = Vec::new();
-        let read = |stage: &mut dyn FnMut(AttitudeOutput)| -> Result<(), Infallible> {
-            std::iter::from_fn(|| bus.attitude.receive(*subscriber, random)).for_each(stage);
+        let read = |count, stage: &mut dyn FnMut(AttitudeOutput)| -> Result<(), Infallible> {
+            std::iter::from_fn(|| bus.attitude.receive(*subscriber, random)).take(count).for_each(stage);
             Ok(())
         };
         let Ok(()) = stream.advance(usize::MAX, read, &mut |output| outputs.push(output));

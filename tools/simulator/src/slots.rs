@@ -134,8 +134,8 @@ impl<'a> Ports<'a> {
         let (id, limit) = (self.subscribe(topic, self.wants_history), self.config.batch_size());
         let mut stream = OrderedStream::new(self.next_tick, topic(self.bus).next_tick, self.config);
         Box::new(move |bus, random, messages| {
-            let read = |stage: &mut dyn FnMut(M)| -> Result<(), Infallible> {
-                std::iter::from_fn(|| topic(bus).receive(id, random)).for_each(stage);
+            let read = |count, stage: &mut dyn FnMut(M)| -> Result<(), Infallible> {
+                std::iter::from_fn(|| topic(bus).receive(id, random)).take(count).for_each(stage);
                 Ok(())
             };
             let Ok(()) = stream.advance(limit, read, &mut |message| messages.push(message.into()));
@@ -262,7 +262,7 @@ impl<S: SlotProcessor> Worker<S> {
             self.health_sent_ms = Some(context.now_ms);
             self.service.fill_health(&mut self.health);
             let next_tick = self.health.next_tick;
-            self.health.flawed += u64::from(context.invalid_from_tick.is_some_and(|from| next_tick > from));
+            self.health.invalid_outputs += u64::from(context.invalid_from_tick.is_some_and(|from| next_tick > from));
             if !context.random.chance(context.lost_report_per_mille) {
                 context.bus.health.send(self.health.incarnation, self.health, &mut None);
             }
@@ -274,7 +274,7 @@ impl<S: SlotProcessor> Worker<S> {
                 tick: self.health.next_tick,
                 ticks: 1,
                 now_rad: [context.random.between(0, 100) as f64 * 1e-3; 3],
-                turn: [1.0, 0.0, 0.0, 0.0],
+                rotation: [1.0, 0.0, 0.0, 0.0],
                 service: self.health.service,
                 incarnation: self.health.incarnation,
                 ..bytemuck::Zeroable::zeroed()

@@ -168,7 +168,7 @@ impl SupervisedState {
         (!are_finite || !self.rate_outage_s.is_finite()).then_some("a number that is not finite")
     }
 
-    /// Returns the motion since the newest tick with a motion.
+    /// Returns the motion since the newest tick for which a motion is known.
     ///
     /// If ticks are missing in between, the rotation is computed from the gyro's open-loop
     /// attitudes. Over a gap longer than [`MAX_BRIDGED_GAP_S`], the rotation is the identity and

@@ -55,8 +55,8 @@ const MIN_SIGNIFICANCE: f64 = 2.0;
 const UPPER_LIMIT: f64 = 1.645;
 /// Number of iterations for computing an upper limit.
 const LIMIT_REPETITIONS: usize = 3;
-/// Maximum number of doublings of the recording. They are tried in turn, until the recording would
-/// be long enough to determine a coefficient.
+/// Maximum number of times that the duration of the recording is doubled in the search for a
+/// duration that determines a coefficient.
 const MAX_DOUBLINGS: u32 = 6;
 /// Limit for the misfit of the model.
 ///

@@ -20,8 +20,8 @@ fn witmotion(ranges: Ranges, frames: &[Vec<u8>]) -> Vec<Measurement> {
     decoded(Box::new(Framed::new(WitMotion::new(ranges))), [&frames.concat()[..]]).0
 }
 
-/// Returns frames with the numbers 2048, which is 1 g at ±16 g, and 16384, which is 1000 °/s at
-/// ±2000 °/s.
+/// Returns frames with raw numbers: 2048 is 1 g in a range of ±16 g, and 16384 is 1000 °/s in a
+/// range of ±2000 °/s.
 fn witmotion_numbers() -> [Vec<u8>; 3] {
     [
         witmotion_frame(0x51, [0, 0, 0, 0, 0x00, 0x08, 0, 0]),

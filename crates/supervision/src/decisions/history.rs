@@ -32,10 +32,10 @@ impl Supervision {
         let (restarts, resume_tick) = (entry.restarts(), entry.resume_tick());
         let history = service.slot().and_then(|slot| self.swaps.history(slot));
         let numbers = history.and_then(|fillings| Some((fillings.owner()?.number, fillings.instance_at(resume_tick))));
-        let (filling, adopted_filling) = numbers.unwrap_or((SystemEvent::NONE_U32, SystemEvent::NONE_U32));
+        let (instance, adopted_instance) = numbers.unwrap_or((SystemEvent::NONE_U32, SystemEvent::NONE_U32));
         let kind = if restarts > 0 { EventKind::RESTARTED } else { EventKind::STARTED };
         let adopted_tick = resume_tick.unwrap_or(SystemEvent::NONE);
-        let event = SystemEvent { filling, adopted_filling, adopted_tick, ..SystemEvent::new(kind) };
+        let event = SystemEvent { instance, adopted_instance, adopted_tick, ..SystemEvent::new(kind) };
         let event = match service.slot() {
             Some(slot) => with_stage(event, self.config.launch.stage(slot)),
             None => event,

@@ -436,9 +436,9 @@ fn ownership_status(health: &Health, published_tick: u64) -> swap::Event {
         missed: health.missed != 0,
         published_from: Some(health.published_from).filter(|tick| *tick != u64::MAX),
     };
-    let Health { incarnation, next_tick, lost, flawed, .. } = *health;
+    let Health { incarnation, next_tick, lost, invalid_outputs, .. } = *health;
     let progress = Progress { next_tick, lost };
-    swap::Event::Health { incarnation, status, progress, invalid_output: flawed > 0 }
+    swap::Event::Health { incarnation, status, progress, invalid_output: invalid_outputs > 0 }
 }
 
 #[cfg(test)]

@@ -1,4 +1,4 @@
-//! Renewals of the bus.
+//! State of bus renewals. A renewal replaces a bus after its files were removed.
 
 use std::{collections::VecDeque, time::Duration};
 

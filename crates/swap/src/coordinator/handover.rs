@@ -51,7 +51,7 @@ impl Coordinator {
         actions.push(self.report(&request, SwapOutcome::Committed, None, Some(from_tick), took_ms));
     }
 
-    /// Starts the new stage, under a new decision, in place of an owner that has exited.
+    /// Makes a new decision and starts the new stage in place of an owner that has exited.
     pub(super) fn replace_owner(&mut self, now_ms: u64, actions: &mut Vec<Action>) {
         let Some(swap) = &mut self.swap else { return };
         self.epoch += 1;

@@ -370,7 +370,7 @@ pub struct TakenReading {
     #[prost(message, optional, tag = "12")]
     pub quaternion: ::core::option::Option<Quaternion>,
     #[prost(uint32, tag = "13")]
-    pub brings: u32,
+    pub present: u32,
     #[prost(uint32, tag = "14")]
     pub incarnation: u32,
     #[prost(double, tag = "15")]
@@ -513,7 +513,7 @@ pub struct Difference {
     #[prost(uint32, tag = "8")]
     pub incarnation: u32,
     #[prost(message, optional, tag = "9")]
-    pub turn: ::core::option::Option<Quaternion>,
+    pub rotation: ::core::option::Option<Quaternion>,
 }
 #[derive(Clone, Copy, PartialEq, Eq, Hash, ::prost::Message)]
 pub struct Control {
@@ -559,7 +559,7 @@ pub struct Health {
     #[prost(uint64, tag = "15")]
     pub published_from: u64,
     #[prost(uint64, tag = "16")]
-    pub flawed: u64,
+    pub invalid_outputs: u64,
     #[prost(sint64, tag = "17")]
     pub clock_offset_ns: i64,
     #[prost(uint64, tag = "18")]
@@ -572,7 +572,7 @@ pub struct SystemEvent {
     #[prost(uint64, tag = "1")]
     pub number: u64,
     #[prost(uint64, tag = "2")]
-    pub t_told_ns: u64,
+    pub t_event_ns: u64,
     #[prost(uint64, tag = "3")]
     pub tick: u64,
     #[prost(uint64, tag = "4")]
@@ -588,19 +588,19 @@ pub struct SystemEvent {
     #[prost(uint32, tag = "9")]
     pub epoch: u32,
     #[prost(uint32, tag = "10")]
-    pub filling: u32,
+    pub instance: u32,
     #[prost(uint32, tag = "11")]
-    pub adopted_filling: u32,
+    pub adopted_instance: u32,
     #[prost(uint32, tag = "12")]
-    pub alone: u32,
+    pub replaces_ended: u32,
     #[prost(uint32, tag = "13")]
-    pub cut: u32,
+    pub truncated: u32,
     #[prost(string, tag = "14")]
     pub stage: ::prost::alloc::string::String,
     #[prost(string, tag = "15")]
     pub settings: ::prost::alloc::string::String,
     #[prost(string, tag = "16")]
-    pub why: ::prost::alloc::string::String,
+    pub reason: ::prost::alloc::string::String,
 }
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord, ::prost::Enumeration)]
 #[repr(i32)]
@@ -995,17 +995,17 @@ pub mod swap_answer {
 }
 #[derive(Clone, PartialEq, ::prost::Message)]
 pub struct ToPage {
-    #[prost(oneof = "to_page::Said", tags = "1, 2, 3, 4, 5")]
-    pub said: ::core::option::Option<to_page::Said>,
+    #[prost(oneof = "to_page::Content", tags = "1, 2, 3, 4, 5")]
+    pub content: ::core::option::Option<to_page::Content>,
 }
 /// Nested message and enum types in `ToPage`.
 pub mod to_page {
     #[derive(Clone, PartialEq, ::prost::Oneof)]
-    pub enum Said {
+    pub enum Content {
         #[prost(message, tag = "1")]
-        Picture(super::Picture),
+        Snapshot(super::Snapshot),
         #[prost(message, tag = "2")]
-        Standing(super::Standing),
+        SystemStatus(super::SystemStatus),
         #[prost(message, tag = "3")]
         Answer(super::SwapAnswer),
         #[prost(message, tag = "4")]
@@ -1022,11 +1022,11 @@ pub struct Log {
     pub lines: ::prost::alloc::vec::Vec<::prost::alloc::string::String>,
 }
 #[derive(Clone, PartialEq, ::prost::Message)]
-pub struct Picture {
+pub struct Snapshot {
     #[prost(uint64, tag = "1")]
     pub number: u64,
     #[prost(uint64, tag = "2")]
-    pub t_made_ns: u64,
+    pub t_created_ns: u64,
     #[prost(message, optional, tag = "3")]
     pub imu: ::core::option::Option<ImuSample>,
     #[prost(message, optional, tag = "4")]
@@ -1057,25 +1057,25 @@ pub struct Picture {
     pub flags: u64,
 }
 #[derive(Clone, PartialEq, ::prost::Message)]
-pub struct Pictures {
+pub struct Snapshots {
     #[prost(message, repeated, tag = "1")]
-    pub pictures: ::prost::alloc::vec::Vec<Picture>,
+    pub snapshots: ::prost::alloc::vec::Vec<Snapshot>,
 }
 #[derive(Clone, Copy, PartialEq, ::prost::Message)]
 pub struct Extremes {
     #[prost(enumeration = "Quantity", tag = "1")]
     pub quantity: i32,
     #[prost(double, tag = "2")]
-    pub least: f64,
+    pub min: f64,
     #[prost(double, tag = "3")]
-    pub most: f64,
+    pub max: f64,
 }
 #[derive(Clone, PartialEq, ::prost::Message)]
-pub struct Standing {
-    #[prost(enumeration = "standing::State", tag = "1")]
+pub struct SystemStatus {
+    #[prost(enumeration = "system_status::State", tag = "1")]
     pub state: i32,
     #[prost(string, tag = "2")]
-    pub why: ::prost::alloc::string::String,
+    pub reason: ::prost::alloc::string::String,
     #[prost(string, tag = "3")]
     pub system: ::prost::alloc::string::String,
     #[prost(string, tag = "4")]
@@ -1085,13 +1085,13 @@ pub struct Standing {
     #[prost(string, tag = "6")]
     pub version: ::prost::alloc::string::String,
     #[prost(message, repeated, tag = "7")]
-    pub services: ::prost::alloc::vec::Vec<ServiceStanding>,
+    pub services: ::prost::alloc::vec::Vec<ServiceReport>,
     #[prost(message, optional, tag = "8")]
     pub latency_us: ::core::option::Option<LatencyUs>,
     #[prost(message, repeated, tag = "9")]
     pub slots: ::prost::alloc::vec::Vec<SlotStages>,
     #[prost(bool, tag = "10")]
-    pub takes_commands: bool,
+    pub accepts_commands: bool,
     #[prost(string, repeated, tag = "11")]
     pub warnings: ::prost::alloc::vec::Vec<::prost::alloc::string::String>,
     #[prost(sint64, tag = "12")]
@@ -1099,14 +1099,14 @@ pub struct Standing {
     #[prost(sint64, tag = "13")]
     pub t_last_ns: i64,
     #[prost(uint64, tag = "14")]
-    pub pictures: u64,
+    pub snapshots: u64,
     #[prost(message, repeated, tag = "15")]
     pub vehicles: ::prost::alloc::vec::Vec<VehicleLine>,
     #[prost(message, optional, tag = "16")]
     pub recording: ::core::option::Option<Recording>,
 }
-/// Nested message and enum types in `Standing`.
-pub mod standing {
+/// Nested message and enum types in `SystemStatus`.
+pub mod system_status {
     #[derive(
         Clone,
         Copy,
@@ -1125,7 +1125,7 @@ pub mod standing {
         Live = 2,
         Ended = 3,
         Recording = 4,
-        Unchosen = 5,
+        Unselected = 5,
     }
     impl State {
         /// String value of the enum field names used in the ProtoBuf definition.
@@ -1139,7 +1139,7 @@ pub mod standing {
                 Self::Live => "STATE_LIVE",
                 Self::Ended => "STATE_ENDED",
                 Self::Recording => "STATE_RECORDING",
-                Self::Unchosen => "STATE_UNCHOSEN",
+                Self::Unselected => "STATE_UNSELECTED",
             }
         }
         /// Creates an enum from field names used in the ProtoBuf definition.
@@ -1150,7 +1150,7 @@ pub mod standing {
                 "STATE_LIVE" => Some(Self::Live),
                 "STATE_ENDED" => Some(Self::Ended),
                 "STATE_RECORDING" => Some(Self::Recording),
-                "STATE_UNCHOSEN" => Some(Self::Unchosen),
+                "STATE_UNSELECTED" => Some(Self::Unselected),
                 _ => None,
             }
         }
@@ -1174,7 +1174,7 @@ pub struct VehicleLine {
     #[prost(string, tag = "1")]
     pub vehicle: ::prost::alloc::string::String,
     #[prost(bool, tag = "2")]
-    pub lives: bool,
+    pub alive: bool,
     #[prost(double, optional, tag = "3")]
     pub age_s: ::core::option::Option<f64>,
     #[prost(message, optional, tag = "4")]
@@ -1189,7 +1189,7 @@ pub struct VehicleLine {
     pub services: ::prost::alloc::vec::Vec<::prost::alloc::string::String>,
 }
 #[derive(Clone, PartialEq, ::prost::Message)]
-pub struct ServiceStanding {
+pub struct ServiceReport {
     #[prost(message, optional, tag = "1")]
     pub status: ::core::option::Option<ServiceStatus>,
     #[prost(double, optional, tag = "2")]
@@ -1219,7 +1219,7 @@ pub struct SlotStages {
     #[prost(message, repeated, tag = "3")]
     pub set: ::prost::alloc::vec::Vec<Setting>,
     #[prost(bool, tag = "4")]
-    pub knows_set: bool,
+    pub is_set_known: bool,
 }
 #[derive(Clone, PartialEq, ::prost::Message)]
 pub struct Setting {
@@ -1283,7 +1283,7 @@ pub mod page_command {
         Swap = 1,
         Shadow = 2,
         Cancel = 3,
-        Look = 4,
+        View = 4,
         Calibrate = 5,
         Record = 6,
         Log = 7,
@@ -1300,7 +1300,7 @@ pub mod page_command {
                 Self::Swap => "KIND_SWAP",
                 Self::Shadow => "KIND_SHADOW",
                 Self::Cancel => "KIND_CANCEL",
-                Self::Look => "KIND_LOOK",
+                Self::View => "KIND_VIEW",
                 Self::Calibrate => "KIND_CALIBRATE",
                 Self::Record => "KIND_RECORD",
                 Self::Log => "KIND_LOG",
@@ -1314,7 +1314,7 @@ pub mod page_command {
                 "KIND_SWAP" => Some(Self::Swap),
                 "KIND_SHADOW" => Some(Self::Shadow),
                 "KIND_CANCEL" => Some(Self::Cancel),
-                "KIND_LOOK" => Some(Self::Look),
+                "KIND_VIEW" => Some(Self::View),
                 "KIND_CALIBRATE" => Some(Self::Calibrate),
                 "KIND_RECORD" => Some(Self::Record),
                 "KIND_LOG" => Some(Self::Log),

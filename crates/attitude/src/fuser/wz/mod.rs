@@ -81,7 +81,7 @@ pub struct Wz {
     rest: RestDetector,
     heading: Heading,
     /// Duration of the last motion with a positive interval, s. A tick without a motion is assumed
-    /// to last as long.
+    /// to have the same duration.
     last_interval_s: f64,
     /// Duration of the current gyro outage, s. It is limited to 1 s.
     gyro_outage_s: f64,

@@ -125,7 +125,7 @@ random_messages! {
     TakenReading {
         number: next_u64, tick: next_u64, t_sensor_ns: next_i64, offset_ns: next_i64, rate_rad_s: finite_or_nan_array, force_m_s2: finite_or_nan_array,
         field_ut: finite_or_nan_array, velocity_m_s: finite_or_nan_array, velocity_sd_m_s: finite_or_nan, age_s: finite_or_nan, latitude_rad: finite_or_nan, longitude_rad: finite_or_nan, altitude_m: finite_or_nan,
-        quaternion: finite_array, brings: next_u32, incarnation: next_u32
+        quaternion: finite_array, present: next_u32, incarnation: next_u32
     }
     GyroStep { header: header, w: finite_array, z_rad: finite, chart: chart, p: finite_array, s: finite_array, rate_rad_s: finite_array }
     AccelPoint { header: header, w: finite_array, chart: chart, norm_m_s2: finite, trust: finite, force_m_s2: finite_array }
@@ -142,12 +142,12 @@ random_messages! {
     Credit { ticks: next_u64, ends: next_u64 }
     Difference {
         tick: next_u64, ticks: next_u64, now_rad: finite_array, mean_rad: finite_array, rms_rad: finite_array, max_rad: finite_array, service: service,
-        incarnation: next_u32, turn: quaternion
+        incarnation: next_u32, rotation: quaternion
     }
     Health {
         ticks: next_u64, lost: next_u64, duplicated: next_u64, repeated: next_u64, next_tick: next_u64, refused: next_u64, late_wakes: next_u64,
         flags: flags, service: service, state: state, incarnation: next_u32, pid: next_u32, epoch: next_u32, missed: next_u32,
-        published_from: next_u64, flawed: next_u64, clock_offset_ns: next_i64, clock_jitter_ns: next_u64, clock_steps: next_u64
+        published_from: next_u64, invalid_outputs: next_u64, clock_offset_ns: next_i64, clock_jitter_ns: next_u64, clock_steps: next_u64
     }
 }
 
@@ -180,17 +180,17 @@ impl RandomMessage for SystemEvent {
         let event = Self::new(EventKind(1 + rng.below(18) as u32)).with_stage("madgwick", settings);
         Self {
             number: rng.next_u64(),
-            t_told_ns: rng.next_u64(),
+            t_event_ns: rng.next_u64(),
             tick: rng.next_u64(),
             ticks: rng.next_u64(),
             adopted_tick: rng.next_u64(),
             service: if rng.below(3) == 0 { Self::NONE_U32 } else { rng.service() },
             incarnation: rng.next_u32(),
             epoch: rng.next_u32(),
-            filling: rng.next_u32(),
-            adopted_filling: rng.next_u32(),
-            alone: rng.next_u32(),
-            cut: rng.next_u32(),
+            instance: rng.next_u32(),
+            adopted_instance: rng.next_u32(),
+            replaces_ended: rng.next_u32(),
+            truncated: rng.next_u32(),
             ..event.with_reason(&"é".repeat(rng.below(200) as usize))
         }
     }
