@@ -6,7 +6,7 @@ use bus::{BusError, SystemName};
 use clap::Args;
 use control::{ControlError, ControlRequest, RecordStatus, ServiceStatus, send_request};
 use observe::{
-    doctor::{Check, DoctorReport, Severity, leftovers, machine, running, running::Observation},
+    doctor::{Check, DoctorReport, Severity, leftovers, machine, remedy::Remedy, running, running::Observation},
     process::is_stopped,
 };
 use runtime::ServiceConfig;
@@ -58,22 +58,16 @@ pub(crate) fn run(DoctorCommand { system, fix, duration }: DoctorCommand) -> Exi
     checks.extend(match system_name.owner_pid() {
         Ok(Some(pid)) => check_running_system(&name, pid, duration).unwrap_or_else(|check| vec![check]),
         Ok(None) => vec![match observer(&name, "doctor") {
-            Err(error @ BusError::FilesRemoved { .. }) => Check::problem(
-                "system",
-                error.to_string(),
-                "swap a stage or wait until a service ends, then run plumb doctor again",
-            ),
+            Err(error @ BusError::FilesRemoved { .. }) => {
+                Check::problem("system", error.to_string(), Remedy::for_bus_error(&error))
+            }
             _ => match LastRun::read(&name) {
-                Some(run) => Check::warning(
-                    "system",
-                    format!("{name:?} is not running; {run}"),
-                    "start it again; its messages are in `plumb logs` after `plumb up --detach`, in `journalctl -u plumbline` after a start by systemd",
-                ),
+                Some(run) => Check::warning("system", format!("{name:?} is not running; {run}"), Remedy::StartSystem),
                 None => Check::ok("system", format!("{name:?} is not running")),
             },
         }],
         Err(error) => {
-            vec![Check::problem("system", error.to_string(), "free the name as described, or run as its owner")]
+            vec![Check::problem("system", error.to_string(), Remedy::for_bus_error(&error))]
         }
     });
     let diagnosis = DoctorReport { system: name, checks };
@@ -86,35 +80,18 @@ pub(crate) fn run(DoctorCommand { system, fix, duration }: DoctorCommand) -> Exi
     if diagnosis.count(Severity::Problem) > 0 { ExitCode::FAILURE } else { printed }
 }
 
-/// Returns the shell command that ends these processes.
-fn kill_command(pids: &[u32]) -> String {
-    pids.iter().fold("kill".into(), |line, pid| format!("{line} {pid}"))
-}
-
 /// Checks the running system of the given supervisor. Returns a failed check if it cannot be
 /// observed.
 fn check_running_system(name: &str, supervisor: u32, duration: Duration) -> Result<Vec<Check>, Check> {
-    let observe_failed = |error: BusError| {
-        let remedy = match &error {
-            BusError::TooManyObservers { pids, .. } => {
-                format!("end one of them ({}), then run plumb doctor again", kill_command(pids))
-            }
-            _ => "run plumb doctor again".into(),
-        };
-        Check::warning("system", error.to_string(), remedy)
-    };
+    let observe_failed = |error: BusError| Check::warning("system", error.to_string(), Remedy::for_bus_error(&error));
     let request_failed = |error: ControlError| {
         if is_stopped(supervisor) {
             let found = format!(
                 "the supervisor of {name:?}, process {supervisor}, has been stopped: no service is restarted, and its report and file lack attitudes older than buffer_s"
             );
-            return Check::problem("system", found, format!("resume it: kill -CONT {supervisor}"));
+            return Check::problem("system", found, Remedy::ResumeSupervisor(supervisor));
         }
-        Check::problem(
-            "system",
-            error.to_string(),
-            "run plumb doctor again; if the problem persists, restart the system",
-        )
+        Check::problem("system", error.to_string(), Remedy::RunAgain)
     };
     let observer = observer(name, "doctor").map_err(observe_failed)?;
     let mut stop = StopCondition::new(|| observer.is_running(), Some(duration));
@@ -122,5 +99,5 @@ fn check_running_system(name: &str, supervisor: u32, duration: Duration) -> Resu
     let statuses = send_request::<Vec<ServiceStatus>>(name, &ControlRequest::Status).map_err(request_failed)?;
     let config = send_request::<ServiceConfig>(name, &ControlRequest::ServiceConfig).map_err(request_failed)?;
     let record = send_request::<RecordStatus>(name, &ControlRequest::RecordStatus).map_err(request_failed)?;
-    Ok([snapshot.checks(&statuses, &config), vec![running::record_check(&record)]].concat())
+    Ok([snapshot.checks(&statuses, &config), vec![running::record_check(&record, &config)]].concat())
 }

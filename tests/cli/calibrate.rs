@@ -321,9 +321,9 @@ fn noise_of_a_real_unit_at_rest_is_plausible() {
     assert!(report["notes"][0].as_str().unwrap().starts_with("motion at 2 to 8 s"), "{report}");
 }
 
-/// Runs `test` while a sensor unit at rest writes samples to standard input faster than in real
-/// time.
-fn with_live_sensor<T>(running: &mut Running, test: impl FnOnce(&Running) -> T) -> T {
+/// Runs `test` while a sensor unit repeatedly writes `rows`, which lack times, to standard input.
+/// The unit sends 100 rows per second of its time, which passes faster than real time.
+pub(super) fn with_live_sensor<T>(running: &mut Running, rows: &[String], test: impl FnOnce(&Running) -> T) -> T {
     /// Stops the sensor when the test returns or panics.
     struct StopOnDrop<'a>(&'a AtomicBool);
     impl Drop for StopOnDrop<'_> {
@@ -336,8 +336,6 @@ fn with_live_sensor<T>(running: &mut Running, test: impl FnOnce(&Running) -> T) 
     let (sensor, running) = (&ended, &*running);
     std::thread::scope(|scope| {
         scope.spawn(move || {
-            let rows = resting(&[[0.0, 0.0, 1.0]]);
-            let rests: Vec<_> = rows.lines().skip(1).take(300).map(|line| line.split_once(',').unwrap().1).collect();
             let mut t_ms = 0;
             while !sensor.load(Ordering::SeqCst) {
                 let lines = (0..10).map(|i| {
@@ -345,7 +343,7 @@ fn with_live_sensor<T>(running: &mut Running, test: impl FnOnce(&Running) -> T) 
                         "{}.{:02},{}\n",
                         (t_ms + 10 * i) / 1000,
                         (t_ms + 10 * i) % 1000 / 10,
-                        rests[(t_ms / 10 + i) % 300]
+                        rows[(t_ms / 10 + i) % rows.len()]
                     )
                 });
                 if input.write_all(lines.collect::<String>().as_bytes()).is_err() {
@@ -368,7 +366,9 @@ fn running_system_is_calibrated_with_progress_bar() {
     let mut command = system.command(&[]);
     command.stdin(Stdio::piped());
     let mut running = Running::spawn(command);
-    with_live_sensor(&mut running, |running| {
+    let rest = resting(&SIX[..1]);
+    let rows: Vec<_> = rest.lines().skip(1).take(300).map(|row| row.split_once(',').unwrap().1.to_owned()).collect();
+    with_live_sensor(&mut running, &rows, |running| {
         system.wait_until_running();
         let arguments = ["gyro", "--live", "--system", &system.name];
         let found = vector(&calibrated(&arguments), "/values/0/value");

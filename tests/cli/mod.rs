@@ -3,6 +3,7 @@
 mod calibrate;
 mod demo;
 mod detached;
+mod doctor;
 mod help;
 mod hostile;
 mod keys;

@@ -411,7 +411,7 @@ fn doctor_removes_leftovers_of_killed_system() {
     let found = run_json(&dead, &["doctor"]);
     let check = leftovers(&found);
     assert_eq!((found.status.code(), check["result"].as_str()), (Some(1), Some("problem")), "{check}");
-    assert_eq!(check["remedy"], "plumb doctor --fix");
+    assert_eq!(check["remedy"], format!("`plumb doctor --fix --system {}`", dead.name));
     assert_eq!(dead.leftovers(), left, "doctor without --fix removes nothing");
     let fixed = run_json(&dead, &["doctor", "--fix"]);
     let check = leftovers(&fixed);

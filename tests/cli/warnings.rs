@@ -184,7 +184,7 @@ fn doctor_reports_input_mistakes_with_remedies() {
 }
 
 #[test]
-fn doctor_remedy_for_force_in_g_at_rest_works() {
+pub(super) fn doctor_remedy_for_force_in_g_at_rest_works() {
     let noise = |row: u32| 1e-4 * f64::from(row % 7);
     let rows: String = (0..20_000u32)
         .map(|row| {
@@ -217,9 +217,7 @@ fn doctor_remedy_for_force_in_g_at_rest_works() {
     };
     let check = gravity_check("");
     assert_eq!(check["result"], "problem", "{check}");
-    let (_, remedy) = check["remedy"].as_str().unwrap().split_once(": set ").unwrap();
-    let (setting, section) = remedy.split_once(" in ").unwrap();
-    let check = gravity_check(&format!("{section}\n{setting}\n"));
+    let check = gravity_check(remedy(check["remedy"].as_str().unwrap()).unwrap());
     assert_eq!(check["result"], "ok", "{check}");
 }
 

@@ -344,6 +344,11 @@ pub(crate) fn plumb(arguments: &[&str]) -> Command {
     command
 }
 
+/// Returns the commands in a message, which are between backquotes.
+pub(crate) fn commands(message: &str) -> Vec<&str> {
+    message.split('`').skip(1).step_by(2).collect()
+}
+
 /// Runs `plumb` in a terminal of 24 lines and 80 columns.
 pub(crate) fn output_on_terminal(arguments: &[&str]) -> Output {
     let script = format!("stty rows 24 cols 80; exec {} {}", program().display(), arguments.join(" "));

@@ -2,7 +2,7 @@
 
 mod accuracy;
 mod bad_input;
-mod bus_source;
+pub(crate) mod bus_source;
 mod conventions;
 mod detect;
 mod determinism;

@@ -7,7 +7,7 @@ use std::{
     process::{Command, Output},
 };
 
-use crate::common::{System, plumb, python};
+use crate::common::{System, commands, plumb, python};
 
 /// Commands that are not run, because the tests do not install their programs. `unlz4` writes a
 /// file only in a terminal.
@@ -31,11 +31,6 @@ fn rows() -> String {
 
 fn text(bytes: &[u8]) -> String {
     String::from_utf8_lossy(bytes).into_owned()
-}
-
-/// Returns the commands in a message, which are between backquotes.
-fn commands(message: &str) -> Vec<&str> {
-    message.split('`').skip(1).step_by(2).collect()
 }
 
 /// Runs a line in a shell, in the folder of a system. The folders of `plumb` and of the tests'

@@ -13,12 +13,10 @@ pub const MAX_OBSERVERS: usize = 4;
 pub const REQUIRED_OPEN_FILES: u64 = 256;
 
 /// Advice for raising the open-file limit.
-pub const OPEN_FILES_REMEDY: &str =
-    "allow more: ulimit -n 4096, or LimitNOFILE=4096 in the unit; in a container --ulimit nofile=4096";
+pub const OPEN_FILES_REMEDY: &str = "allow more: `ulimit -n 4096`, for other users than root `sudo prlimit --pid $$ --nofile=4096`; LimitNOFILE=4096 in the unit; in a container --ulimit nofile=4096";
 
 /// Advice for freeing or adding shared memory.
-pub const SHARED_MEMORY_REMEDY: &str =
-    "make room (plumb doctor --fix) or make it larger: mount -o remount,size=1G /dev/shm; in a container --shm-size=1g";
+pub const SHARED_MEMORY_REMEDY: &str = "make room with `plumb doctor --fix`, or make it larger as root with `mount -o remount,size=1G /dev/shm`; in a container --shm-size=1g";
 
 /// Shared memory of this machine.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

@@ -44,6 +44,9 @@ pub enum ParseOutcome {
     Rejected,
     /// The given number of leading bytes forms one invalid line or record, which is skipped.
     RejectedUnit(usize),
+    /// The given number of leading bytes forms a line that is skipped, because the first number of
+    /// its date may be the month or the day.
+    AmbiguousDate(usize),
 }
 
 /// Decoder of the frames of one format from one device.
@@ -97,6 +100,12 @@ impl<F: Format> Decoder for Framed<F> {
                 }
                 ParseOutcome::RejectedUnit(length) => {
                     self.counts.rejected += 1;
+                    self.skip(length);
+                    length
+                }
+                ParseOutcome::AmbiguousDate(length) => {
+                    self.counts.rejected += 1;
+                    self.counts.ambiguous_dates += 1;
                     self.skip(length);
                     length
                 }

@@ -142,6 +142,8 @@ pub struct Counts {
     pub skipped_bytes: u64,
     /// Valid frames with a measurement that was not used because of its sender.
     pub foreign: u64,
+    /// Rejected lines with a date of which the first number may be the month or the day.
+    pub ambiguous_dates: u64,
 }
 
 impl std::ops::Add for Counts {
@@ -153,6 +155,7 @@ impl std::ops::Add for Counts {
             rejected: self.rejected + other.rejected,
             skipped_bytes: self.skipped_bytes + other.skipped_bytes,
             foreign: self.foreign + other.foreign,
+            ambiguous_dates: self.ambiguous_dates + other.ambiguous_dates,
         }
     }
 }

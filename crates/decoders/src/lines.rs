@@ -33,7 +33,7 @@ use mapping::{
     FIELD, FORCE, HeaderError, Mapping, POSITION, RATE,
     names::nearest,
     names_with_units,
-    text::{self, DAY_NS, Dialect, Line, Separator, Time},
+    text::{self, DAY_NS, Dialect, Expected, Line, Separator, Time},
 };
 
 use crate::{
@@ -66,6 +66,8 @@ pub struct Lines {
     /// `true` if the next byte starts a line.
     is_synchronised: bool,
     last_fix: Option<[u64; 6]>,
+    /// `true` if the current line has a date of which the first number may be the month or the day.
+    has_ambiguous_date: bool,
 }
 
 /// Settings of [`Lines`].
@@ -127,6 +129,7 @@ impl Lines {
             last_names: None,
             is_synchronised: settings.starts_at_line_start,
             last_fix: None,
+            has_ambiguous_date: false,
         };
         lines.period_ns = lines.wrap_period_ns(&lines.configured)?;
         if let Some(columns) = &settings.columns {
@@ -230,7 +233,13 @@ impl Lines {
         let fields = dialect.separator.row_fields(line, indices.count);
         let mut row = Row { fields: &fields, dialect };
         let time = match indices.time {
-            Some(index) => self.device_time(row.time(index, &self.mapping)?)?,
+            Some(index) => match row.time(index, &self.mapping) {
+                Ok(time) => self.device_time(time)?,
+                Err(expected) => {
+                    self.has_ambiguous_date = expected == Expected::DateOrder;
+                    return None;
+                }
+            },
             None => None,
         };
         let (rate, force) = (row.vector(indices.rate)?, row.vector(indices.force)?);
@@ -296,8 +305,10 @@ impl Format for Lines {
             return ParseOutcome::Skip(MAX_LINE_BYTES);
         };
         let is_line = self.parse_line(&bytes[..end], measurements).is_some();
+        let has_ambiguous_date = std::mem::take(&mut self.has_ambiguous_date);
         match (is_line, std::mem::replace(&mut self.is_synchronised, true)) {
             (true, _) => ParseOutcome::Frame(end + 1),
+            (false, true) if has_ambiguous_date => ParseOutcome::AmbiguousDate(end + 1),
             (false, true) => ParseOutcome::RejectedUnit(end + 1),
             (false, false) => ParseOutcome::Skip(end + 1),
         }
@@ -321,9 +332,10 @@ impl Row<'_> {
         self.dialect.number(self.fields.get(index)?).ok()
     }
 
-    /// Parses a time. A blank field yields `Some(None)`, an invalid one `None`.
-    fn time(&mut self, index: usize, mapping: &Mapping) -> Option<Option<Time>> {
-        self.dialect.time(self.fields.get(index)?, mapping.time_digits()).ok()
+    /// Parses a time. A blank field yields `None`.
+    fn time(&mut self, index: usize, mapping: &Mapping) -> Result<Option<Time>, Expected> {
+        let field = self.fields.get(index).ok_or(Expected::TimeText)?;
+        self.dialect.time(field, mapping.time_digits())
     }
 
     /// Parses three optional fields. Returns `Some(None)` if there are no such columns or a number

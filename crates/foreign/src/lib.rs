@@ -49,6 +49,13 @@ pub fn path(path: &Path) -> ForeignText {
     ForeignText(path.to_string_lossy().into_owned())
 }
 
+/// Quotes a text as a single shell word and escapes control characters.
+pub fn shell_word(text: &str) -> String {
+    let is_plain = |found: char| found.is_ascii_alphanumeric() || "_-.,:=/".contains(found);
+    let text = ForeignText::from(text).to_string();
+    if text.chars().all(is_plain) { text } else { format!("'{}'", text.replace('\'', "'\\''")) }
+}
+
 /// Formats texts as a list with commas.
 pub fn list<'a>(texts: impl IntoIterator<Item = &'a ForeignText>) -> String {
     texts.into_iter().map(ToString::to_string).collect::<Vec<_>>().join(", ")

@@ -1,5 +1,5 @@
-//! Detects device problems: unavailable or silent device, wrong format, no measurements, corrupted
-//! data, second sender, foreign systems, dropped datagrams, rate other than declared, unsteady
+//! Detects device problems: unavailable or silent device, wrong format, ambiguous dates, no
+//! measurements, corrupted data, second sender, foreign systems, dropped datagrams, rate other than declared, unsteady
 //! clock.
 //!
 //! Input: one report per second.
@@ -20,6 +20,8 @@ pub(crate) const UNAVAILABLE: &str = "unavailable";
 const SILENT: &str = "silent";
 /// Problem kind: many bytes have arrived, but no valid message.
 const FORMAT: &str = "format";
+/// Problem kind: the order of day and month in the dates is unknown.
+const DATE: &str = "date";
 /// Problem kind: the messages contain no measurement.
 const NO_MEASUREMENT: &str = "no-measurement";
 /// Problem kind: too many messages are rejected, or too many bytes belong to no message.
@@ -117,6 +119,17 @@ impl DeviceMonitor {
             );
         }
         let counts = last.counts;
+        if counts.ambiguous_dates > 0 && last.measurements == 0 {
+            add(
+                DATE,
+                format!(
+                    "{port}: the first number of the date is the month or the day in {} lines, which are rejected",
+                    counts.ambiguous_dates
+                ),
+                DATE_REMEDY.into(),
+            );
+            return diagnostics;
+        }
         if counts.frames == 0 && last.bytes >= FORMAT_BYTES {
             add(
                 FORMAT,
@@ -233,6 +246,9 @@ impl DeviceMonitor {
     }
 }
 
+/// Remedy for dates of unknown order. Expressions of `sed` are between backquotes.
+const DATE_REMEDY: &str = "write the year first: pipe the lines through `sed -u -E 's|([0-9]+)/([0-9]+)/([0-9]{4})|\\3-\\1-\\2|'` to --source stdin if months come first, with \\3-\\2-\\1 if days do; or leave t out of map, then arrival gives the time";
+
 /// Returns the remedy for a device that sends valid messages without a measurement.
 fn remedy_without_measurement(format: &str) -> &'static str {
     match format {
@@ -291,10 +307,14 @@ mod tests {
     fn each_problem_has_its_kind() {
         let unavailable = DeviceFailure { cause: "no such file".into(), remedy: "plug it in" };
         type Each<'a> = &'a dyn Fn(u64) -> (DeviceReport, u64);
-        let cases: [(&str, Each<'_>); 10] = [
+        let cases: [(&str, Each<'_>); 11] = [
             (UNAVAILABLE, &|_| (DeviceReport { failure: Some(unavailable.clone()), ..DeviceReport::default() }, 0)),
             (SILENT, &|_| (good(1), 0)),
             (FORMAT, &|second| (DeviceReport { bytes: 3300 * second, ..DeviceReport::default() }, 0)),
+            (DATE, &|second| {
+                let counts = Counts { rejected: 1, ambiguous_dates: 1, ..good(second).counts };
+                (DeviceReport { counts, measurements: 0, ..good(second) }, 0)
+            }),
             (NO_MEASUREMENT, &|second| (DeviceReport { measurements: 0, ..good(second) }, 0)),
             (CORRUPTED, &|second| {
                 (DeviceReport { counts: Counts { rejected: 5 * second, ..good(second).counts }, ..good(second) }, 0)

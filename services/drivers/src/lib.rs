@@ -105,6 +105,7 @@ pub fn run() -> Result<(), DriversError> {
     let mut next_diagnostics = Instant::now() + DIAGNOSTICS_INTERVAL;
     let mut measurements = Vec::new();
     let mut state = State::READY;
+    let mut has_ambiguous_dates = false;
     while !context.should_stop() {
         let report = source.as_ref().map(|source| source.report());
         let clock = publisher.converter.clock_health();
@@ -144,9 +145,10 @@ pub fn run() -> Result<(), DriversError> {
         }
         measurements.extend(receiver.iter().flat_map(Receiver::queued_fixes));
         let arrival_ns = monotonic_ns().cast_signed();
-        let had_rate_problem = publisher.converter.rate_problem().is_some();
+        let had_problem = publisher.converter.rate_problem().is_some() || has_ambiguous_dates;
         measurements.drain(..).for_each(|measurement| publisher.push(&measurement, arrival_ns));
-        if publisher.converter.rate_problem().is_some() && !had_rate_problem {
+        has_ambiguous_dates = source.as_ref().is_some_and(|source| source.report().counts.ambiguous_dates > 0);
+        if (publisher.converter.rate_problem().is_some() || has_ambiguous_dates) && !had_problem {
             // A short input may end before the next evaluation is due, so the device reports are
             // evaluated now.
             next_diagnostics = Instant::now();

@@ -16,7 +16,6 @@ use crate::{
     bag::Bag,
     csv_source::CsvSource,
     dataflash,
-    error::quoted,
     force_aligner::ForceAligner,
     row_writer::{RowWriter, Sample, Samples, is_calm},
     source::{Inertial, Motion, ReceiverFix, Source, Survey},
@@ -148,7 +147,9 @@ fn common_format(paths: &[PathBuf], options: &Options) -> Result<Format, ImportE
     for path in paths {
         let format = Format::detect(path)?;
         if let Some(remedy) = format.remedy() {
-            let remedy = remedy.replace("FILE", &quoted(&path.to_string_lossy())).replace("FOLDER", &folder_name(path));
+            let remedy = remedy
+                .replace("FILE", &foreign::shell_word(&path.to_string_lossy()))
+                .replace("FOLDER", &folder_name(path));
             return Err(ImportError::UnsupportedFormat { path: path.clone(), format, remedy: remedy.into() });
         }
         if !format.is_text() && paths.len() > 1 {
@@ -179,7 +180,7 @@ fn common_format(paths: &[PathBuf], options: &Options) -> Result<Format, ImportE
 /// For a file, this is its name without the extension; for a folder, its unchanged name.
 fn folder_name(path: &Path) -> String {
     let folder = if path.is_dir() { path.to_owned() } else { path.with_extension("") };
-    quoted(&folder.to_string_lossy())
+    foreign::shell_word(&folder.to_string_lossy())
 }
 
 fn open_source<'a>(

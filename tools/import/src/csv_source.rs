@@ -27,7 +27,7 @@ use recording::{RecordingError, Reference};
 use crate::{
     Format, ImportError, Mapping, Note,
     csv_reader::{CsvReader, CsvRecord},
-    error::{TextPosition, open_error, quoted},
+    error::{TextPosition, open_error},
     row_writer::Sample,
     row_writer::{Attitude, Samples},
     source::{Inertial, Motion, ReceiverFix, Source, Survey},
@@ -411,7 +411,7 @@ impl CsvFiles {
         let has_field = FIELD.into_iter().all(|target| column(target).is_some());
         let targets = ["t"].into_iter().chain(RATE).chain(FORCE).chain(FIELD.into_iter().filter(|_| has_field));
         let pairs = targets.map(|target| format!("{target}={}", column(target).unwrap_or("COLUMN")));
-        quoted(&pairs.collect::<Vec<_>>().join(",")).into()
+        foreign::shell_word(&pairs.collect::<Vec<_>>().join(",")).into()
     }
 
     fn resolve(&self, mapping: &Mapping) -> Result<ColumnGroups, ImportError> {

@@ -120,7 +120,7 @@ pub enum ImportError {
         what: &'static str,
     },
     /// The bag cannot be read.
-    #[error("reading {}: found {found}, expected {}", foreign::path(path), expected.replace("FOLDER", &quoted(&path.to_string_lossy())))]
+    #[error("reading {}: found {found}, expected {}", foreign::path(path), expected.replace("FOLDER", &foreign::shell_word(&path.to_string_lossy())))]
     UnreadableBag {
         /// Path of the bag.
         path: PathBuf,
@@ -251,7 +251,7 @@ pub enum ImportError {
         expected: ForeignText,
     },
     /// The times of the samples never increase.
-    #[error("importing {}: found {rows} samples whose times never increase, expected increasing times; {}", foreign::path(path), remedy.replace("FILE", &quoted(&path.to_string_lossy())))]
+    #[error("importing {}: found {rows} samples whose times never increase, expected increasing times; {}", foreign::path(path), remedy.replace("FILE", &foreign::shell_word(&path.to_string_lossy())))]
     ConstantTimes {
         /// Path of the file.
         path: PathBuf,
@@ -392,13 +392,6 @@ pub(crate) fn open_error(path: &Path, cause: io::Error) -> ImportError {
 /// Returns the first 40 characters of a text, enclosed in quotes.
 pub(crate) fn excerpt(bytes: &[u8]) -> String {
     format!("{:?}", String::from_utf8_lossy(bytes).chars().take(40).collect::<String>())
-}
-
-/// Quotes a text as a single shell word and escapes control characters.
-pub(crate) fn quoted(text: &str) -> String {
-    let is_plain = |found: char| found.is_ascii_alphanumeric() || "_-.,:=/".contains(found);
-    let text = ForeignText::from(text).to_string();
-    if text.chars().all(is_plain) { text } else { format!("'{}'", text.replace('\'', "'\\''")) }
 }
 
 /// Maximum number of names listed in an error message.

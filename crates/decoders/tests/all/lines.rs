@@ -70,7 +70,7 @@ fn columns_without_header_come_from_settings() {
     let (rate, force) = ([1.0, 2.0, 3.0], [4.0, 5.0, 6.0]);
     assert_eq!(found, [imu(None, [0.0; 3], [0.0, 0.0, 9.8], None), imu(None, rate, force, None)]);
     // The first line may lack its beginning, so it is skipped although it is valid here.
-    assert_eq!(counts, Counts { frames: 4, rejected: 2, skipped_bytes: 12 + 6 + 12, foreign: 0 });
+    assert_eq!(counts, Counts { frames: 4, rejected: 2, skipped_bytes: 12 + 6 + 12, foreign: 0, ambiguous_dates: 0 });
 }
 
 #[test]

@@ -8,8 +8,12 @@
 use attitude::GRAVITY_M_S2;
 use launch::pluralize;
 use messages::ImuSample;
+use runtime::ServiceConfig;
 
-use super::Check;
+use super::{
+    Check,
+    remedy::{Remedy, SensorCalibration},
+};
 
 /// Maximum standard deviation at rest of |f|, the magnitude of the specific force, in m/s². It
 /// allows for vibration and the noise of common sensors.
@@ -82,8 +86,8 @@ impl RestCheck {
         self.count += 1.0;
     }
 
-    /// Returns the checks `gravity` and `gyro-at-rest`.
-    pub fn checks(&self) -> [Check; 2] {
+    /// Returns the checks `gravity` and `gyro-at-rest` of a system with this configuration.
+    pub fn checks(&self, config: &ServiceConfig) -> [Check; 2] {
         let count = self.count;
         if count < MIN_SAMPLES {
             return skipped(format!("{}: too few", pluralize(count as u64, "sample")));
@@ -101,7 +105,13 @@ impl RestCheck {
                 "the body moves (mean |f| {norm_m_s2:.2} m/s² ± {norm_sd_m_s2:.2}, mean rate {rate_deg_s:.1} °/s)"
             ));
         }
-        [gravity_check(norm_m_s2), gyro_check(rate_rad_s)]
+        let calibration = |sensor, action| SensorCalibration {
+            sensor,
+            action,
+            system: config.launch.name.clone(),
+            launch_file: config.launch_file.clone(),
+        };
+        [gravity_check(norm_m_s2, &calibration), gyro_check(rate_rad_s, &calibration)]
     }
 }
 
@@ -113,17 +123,16 @@ fn norm(vector: [f64; 3]) -> f64 {
     vector.iter().map(|x| x * x).sum::<f64>().sqrt()
 }
 
-fn gravity_check(norm_m_s2: f64) -> Check {
+/// Creates a calibration from the name of a sensor and the action.
+type NewCalibration<'a> = dyn Fn(&'static str, &'static str) -> SensorCalibration + 'a;
+
+fn gravity_check(norm_m_s2: f64, calibration: &NewCalibration<'_>) -> Check {
     let check = "gravity";
     let ratio = norm_m_s2 / GRAVITY_M_S2;
     let found = format!("mean |f| {norm_m_s2:.3} m/s², {:+.1} % of g, at rest", 100.0 * (ratio - 1.0));
-    let remedy = "calibrate the accelerometer: [ingest.calibration.accel] in launch.toml";
+    let remedy = Remedy::Calibrate(calibration("accel", "while you rest it on each of its six sides"));
     if (0.95 / GRAVITY_M_S2..1.05 / GRAVITY_M_S2).contains(&ratio) {
-        Check::problem(
-            check,
-            found,
-            "the accelerometer reports g instead of m/s²: set scale = [9.80665, 9.80665, 9.80665] in [ingest.calibration.accel]",
-        )
+        Check::problem(check, found, Remedy::ConvertFromG)
     } else if !(0.9..1.1).contains(&ratio) {
         Check::problem(check, found, remedy)
     } else if !(0.98..1.02).contains(&ratio) {
@@ -133,11 +142,10 @@ fn gravity_check(norm_m_s2: f64) -> Check {
     }
 }
 
-fn gyro_check(rate_rad_s: f64) -> Check {
+fn gyro_check(rate_rad_s: f64, calibration: &NewCalibration<'_>) -> Check {
     let (check, found) = ("gyro-at-rest", format!("mean rate {:.3} °/s at rest", rate_rad_s.to_degrees()));
     if rate_rad_s > MAX_BIAS_RAD_S {
-        let remedy = "if the body is still, set bias in [ingest.calibration.gyro] of launch.toml; for a gyro in °/s also a scale of 0.0174533";
-        Check::warning(check, found, remedy)
+        Check::warning(check, found, Remedy::Calibrate(calibration("gyro", "while it is at rest")))
     } else {
         Check::ok(check, found)
     }
@@ -147,6 +155,12 @@ fn gyro_check(rate_rad_s: f64) -> Check {
 mod tests {
     use super::*;
     use crate::doctor::Severity;
+    use launch::Launch;
+    use runtime::Pace;
+
+    fn checks_of(still: &RestCheck) -> [Check; 2] {
+        still.checks(&ServiceConfig::standalone(Launch::default(), 1000.0, Pace::Max))
+    }
 
     fn checks(force: f64, force_noise: f64, rate_rad_s: f64, rate_swing_rad_s: f64) -> [Check; 2] {
         let mut still = RestCheck::default();
@@ -157,7 +171,7 @@ mod tests {
             sample.rate_rad_s[0] = rate_rad_s + sign * rate_swing_rad_s;
             still.push(&sample);
         }
-        still.checks()
+        checks_of(&still)
     }
 
     fn severities(force: f64, rate_rad_s: f64) -> [Severity; 2] {
@@ -173,7 +187,7 @@ mod tests {
     fn force_in_g_differs_from_bad_calibration() {
         let [gravity, _] = checks(1.001, 0.01, 0.0, 0.0);
         assert_eq!(gravity.result, Severity::Problem);
-        assert!(gravity.remedy.unwrap().contains("reports g instead of m/s²"));
+        assert_eq!(gravity.remedy, Some(Remedy::ConvertFromG));
         assert_eq!([9.5, 8.0].map(|force| severities(force, 0.0)[0]), [Severity::Warning, Severity::Problem]);
     }
 
@@ -199,13 +213,13 @@ mod tests {
             (sample.force_m_s2, sample.rate_rad_s) = ([9.81 * sin, 0.0, 9.81 * cos], [0.0, 0.1, 0.0]);
             still.push(&sample);
         }
-        let [_, gyro] = still.checks();
+        let [_, gyro] = checks_of(&still);
         assert!(gyro.found.contains("the body moves"), "{gyro}");
     }
 
     #[test]
     fn too_few_samples_are_not_checked() {
-        let [gravity, _] = RestCheck::default().checks();
+        let [gravity, _] = checks_of(&RestCheck::default());
         assert!(gravity.found.contains("too few"), "{gravity}");
     }
 }

@@ -3,9 +3,7 @@
 use bus::{BusError, StaleResources, SystemLiveness, SystemName};
 use launch::pluralize;
 
-use super::Check;
-
-const FIX_COMMAND: &str = "plumb doctor --fix";
+use super::{Check, remedy::Remedy};
 
 /// Checks one system, or every system that has files on this machine. If `fix` is set, removes the
 /// leftovers.
@@ -14,8 +12,7 @@ pub fn checks(only: Option<&SystemName>, fix: bool) -> Vec<Check> {
     // Files that belong to another user are reported as a problem only if their system was
     // requested by name. Otherwise, they may be legitimate.
     let severity_check = if only.is_some() { Check::problem } else { Check::warning };
-    let inaccessible =
-        |error: &BusError| severity_check("leftovers", error.to_string(), "left unchanged; ask the owner to check");
+    let inaccessible = |error: &BusError| severity_check("leftovers", error.to_string(), Remedy::for_bus_error(error));
     let check = |stale: &Result<_, _>| {
         stale.as_ref().map_or_else(|error| Some(inaccessible(error)), |stale| system_check(stale, fix))
     };
@@ -28,21 +25,19 @@ fn system_check(stale: &StaleResources, fix: bool) -> Option<Check> {
     let killed_count = stale.dead.len();
     let found = match &stale.liveness {
         SystemLiveness::Lingering { pids } => {
-            let pids = pids.iter().map(u32::to_string).collect::<Vec<_>>().join(" ");
-            let found = format!("the supervisor of {name:?} has ended, but these processes have not: {pids}");
-            return Some(Check::problem(check, found, format!("kill -KILL {pids}, then {FIX_COMMAND}")));
+            let found = format!("the supervisor of {name:?} has ended, but these processes have not: {pids:?}");
+            return Some(Check::problem(check, found, Remedy::KillProcesses(name.into(), pids.clone())));
         }
         SystemLiveness::Unreachable { pids } => {
             let found =
                 format!("files of {name:?} were removed while it runs (processes {pids:?}), so no process can join");
-            let remedy = "swap a stage or wait until a service ends: the system then renews its bus; if logind removed the files, set RemoveIPC=no in /etc/systemd/logind.conf";
-            return Some(Check::problem(check, found, remedy));
+            return Some(Check::problem(check, found, Remedy::renew_bus(pids)));
         }
         SystemLiveness::Running { pid } if stale.incomplete_segment.is_some() => {
             let path = stale.incomplete_segment.iter().map(|path| foreign::path(path).to_string()).collect::<String>();
             let found =
                 format!("a process of {name:?} was killed while creating {path}; a process that opens it hangs");
-            return Some(Check::problem(check, found, format!("restart the system: kill {pid}, then plumb up")));
+            return Some(Check::problem(check, found, Remedy::RestartSystem(*pid)));
         }
         SystemLiveness::Running { .. } if killed_count == 0 => return None,
         SystemLiveness::Running { pid } => {
@@ -59,17 +54,13 @@ fn system_check(stale: &StaleResources, fix: bool) -> Option<Check> {
     if fix {
         return Some(match stale.remove() {
             Ok(()) => Check::ok(check, format!("{found}; removed")),
-            Err(error) => Check::problem(
-                check,
-                format!("{found}; {error}"),
-                "try again when no process of the system starts or ends",
-            ),
+            Err(error) => Check::problem(check, format!("{found}; {error}"), Remedy::RetryRemoval(name.into())),
         });
     }
     Some(match stale.liveness {
         // The next process that joins the system removes the leftovers. Until then, the ports of
         // the killed processes stay occupied.
-        SystemLiveness::Running { .. } => Check::warning(check, found, FIX_COMMAND),
-        _ => Check::problem(check, found, FIX_COMMAND),
+        SystemLiveness::Running { .. } => Check::warning(check, found, Remedy::RemoveLeftovers(name.into())),
+        _ => Check::problem(check, found, Remedy::RemoveLeftovers(name.into())),
     })
 }

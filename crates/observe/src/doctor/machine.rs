@@ -2,13 +2,16 @@
 
 use std::{fs, path::Path};
 
-use bus::{OPEN_FILES_REMEDY, REQUIRED_OPEN_FILES, SHARED_MEMORY_REMEDY, SharedMemory};
+use bus::{REQUIRED_OPEN_FILES, SharedMemory};
 use rustix::{
     process::{Resource, geteuid, getrlimit},
     time::{ClockId, clock_getres},
 };
 
-use super::Check;
+use super::{
+    Check,
+    remedy::{CLOCK_SOURCE_FILE, Remedy},
+};
 
 /// Free shared memory in MiB below which a problem is reported. A system at 1 kHz uses 5 MiB. Three
 /// times that amount allows for a higher rate or a second system.
@@ -26,6 +29,12 @@ const MIN_LOCKED_MEMORY_MIB: u64 = 8;
 const FAST_CLOCK_SOURCES: [&str; 6] =
     ["tsc", "arch_sys_counter", "kvm-clock", "hyperv_clocksource_tsc_page", "riscv_clocksource", "xen"];
 
+/// File that lists the clock sources of the kernel.
+const AVAILABLE_CLOCK_SOURCES_FILE: &str = "/sys/devices/system/clocksource/clocksource0/available_clocksource";
+/// Maximum resolution of the monotonic clock, ns. Without high-resolution timers it is 1 ms or
+/// more.
+const MAX_RESOLUTION_NS: i64 = 1_000;
+
 /// Runs all checks of the machine.
 pub fn checks() -> Vec<Check> {
     vec![shared_memory(), open_files(), locked_memory(), real_time(), monotonic_clock(), wall_clock(), cpu_governor()]
@@ -34,7 +43,7 @@ pub fn checks() -> Vec<Check> {
 fn shared_memory() -> Check {
     let check = "shared-memory";
     SharedMemory::query().map_or_else(
-        || Check::problem(check, "/dev/shm does not exist", "mount it: mount -t tmpfs tmpfs /dev/shm"),
+        || Check::problem(check, "/dev/shm does not exist", Remedy::MountSharedMemory),
         |memory| shared_memory_check(memory.free_bytes >> 20),
     )
 }
@@ -42,8 +51,8 @@ fn shared_memory() -> Check {
 fn shared_memory_check(mib: u64) -> Check {
     let (check, found) = ("shared-memory", format!("{mib} MiB free in /dev/shm"));
     match mib {
-        _ if mib < MIN_SHARED_MEMORY_MIB => Check::problem(check, found, SHARED_MEMORY_REMEDY),
-        _ if mib < AMPLE_SHARED_MEMORY_MIB => Check::warning(check, found, SHARED_MEMORY_REMEDY),
+        _ if mib < MIN_SHARED_MEMORY_MIB => Check::problem(check, found, Remedy::EnlargeSharedMemory),
+        _ if mib < AMPLE_SHARED_MEMORY_MIB => Check::warning(check, found, Remedy::EnlargeSharedMemory),
         _ => Check::ok(check, found),
     }
 }
@@ -54,9 +63,11 @@ fn open_files() -> Check {
     // checked.
     match getrlimit(Resource::Nofile).maximum {
         Some(limit) if limit < REQUIRED_OPEN_FILES => {
-            Check::problem(check, format!("limit {limit}"), OPEN_FILES_REMEDY)
+            Check::problem(check, format!("limit {limit}"), Remedy::RaiseOpenFileLimit)
         }
-        Some(limit) if limit < AMPLE_OPEN_FILES => Check::warning(check, format!("limit {limit}"), OPEN_FILES_REMEDY),
+        Some(limit) if limit < AMPLE_OPEN_FILES => {
+            Check::warning(check, format!("limit {limit}"), Remedy::RaiseOpenFileLimit)
+        }
         Some(limit) => Check::ok(check, format!("limit {limit}")),
         None => Check::ok(check, "no limit"),
     }
@@ -68,7 +79,7 @@ fn locked_memory() -> Check {
         Some(mib) if mib < MIN_LOCKED_MEMORY_MIB => Check::warning(
             check,
             format!("limit {mib} MiB: under memory pressure the kernel can page out a service, which delays it"),
-            "raise the limit: ulimit -l unlimited, or LimitMEMLOCK=infinity in the unit",
+            Remedy::RaiseLockedMemoryLimit,
         ),
         Some(mib) => Check::ok(check, format!("limit {mib} MiB")),
         None => Check::ok(check, "no limit"),
@@ -81,7 +92,7 @@ fn real_time() -> Check {
         Some(0) if !geteuid().is_root() => Check::warning(
             check,
             "no real-time priority is allowed: other load on the machine increases the latency",
-            "allow it: rtprio 50 in /etc/security/limits.conf, or LimitRTPRIO=50 in the unit",
+            Remedy::AllowRealTime,
         ),
         Some(0) | None => Check::ok(check, "real-time priorities are allowed"),
         Some(limit) => Check::ok(check, format!("real-time priorities up to {limit} are allowed")),
@@ -91,19 +102,21 @@ fn real_time() -> Check {
 fn monotonic_clock() -> Check {
     let check = "clock-monotonic";
     let resolution_ns = clock_getres(ClockId::Monotonic).tv_nsec;
-    let Some(source) = read_trimmed("/sys/devices/system/clocksource/clocksource0/current_clocksource") else {
+    let Some(source) = read_trimmed(CLOCK_SOURCE_FILE) else {
         return Check::ok(check, format!("resolution {resolution_ns} ns; clock source unknown"));
     };
     let found = format!("source {source}, resolution {resolution_ns} ns");
-    if FAST_CLOCK_SOURCES.contains(&source.as_str()) && resolution_ns <= 1_000 {
-        Check::ok(check, found)
-    } else {
-        Check::warning(
-            check,
-            found,
-            "reading the clock is slow or coarse; boot with clocksource=tsc if the processor supports it",
-        )
+    let is_fast = |name: &&str| FAST_CLOCK_SOURCES.contains(name);
+    if is_fast(&source.as_str()) {
+        return match resolution_ns {
+            ..=MAX_RESOLUTION_NS => Check::ok(check, found),
+            _ => Check::warning(check, found, Remedy::EnableHighResolutionTimers),
+        };
     }
+    let available = read_trimmed(AVAILABLE_CLOCK_SOURCES_FILE).unwrap_or_default();
+    let faster = available.split_whitespace().find(is_fast);
+    let remedy = faster.map_or(Remedy::InvestigateClockSource, |name| Remedy::SelectClockSource(name.into()));
+    Check::warning(check, format!("{found}: each read of the clock is a system call"), remedy)
 }
 
 /// Checks whether the wall clock is synchronised.
@@ -116,7 +129,7 @@ fn wall_clock() -> Check {
     if timesyncd.join("synchronized").exists() {
         Check::ok(check, "synchronised by systemd-timesyncd")
     } else if timesyncd.exists() {
-        Check::warning(check, "systemd-timesyncd runs but has not synchronised", "see timedatectl timesync-status")
+        Check::warning(check, "systemd-timesyncd runs but has not synchronised", Remedy::ConnectTimeServer)
     } else {
         Check::ok(check, "sync state unknown (not needed)")
     }
@@ -132,7 +145,7 @@ fn cpu_governor() -> Check {
         (Some(name), _) => Check::warning(
             check,
             format!("governor {name}: a core that idles between ticks wakes up slowly"),
-            "cpupower frequency-set -g performance",
+            Remedy::SelectGovernor,
         ),
         (None, Some(name)) => Check::ok(check, format!("governor {name}")),
         (None, None) => Check::ok(check, "no frequency governor (fixed frequency or virtual machine)"),

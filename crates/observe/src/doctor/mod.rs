@@ -4,18 +4,22 @@
 //! | --- | --- |
 //! | [`machine`] | shared memory, limits, clocks, processor |
 //! | [`leftovers`] | leftovers of dead systems and killed processes |
+//! | [`remedy`] | remedies for all findings |
 //! | [`running`] | services, rates and flags of a running system |
 //! | [`at_rest`] | sensor readings at rest |
 
 pub mod at_rest;
 pub mod leftovers;
 pub mod machine;
+pub mod remedy;
 pub mod running;
 
 use std::fmt;
 
 use launch::pluralize;
 use serde::Serialize;
+
+use remedy::Remedy;
 
 /// Severity of a check's result.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
@@ -39,7 +43,7 @@ pub struct Check {
     /// Description of the finding.
     pub found: String,
     /// Remedy; `None` if the result is [`Severity::Ok`].
-    pub remedy: Option<String>,
+    pub remedy: Option<Remedy>,
 }
 
 /// All checks of the machine and a system.
@@ -57,14 +61,14 @@ impl Check {
         Self { check, result: Severity::Ok, found: found.into(), remedy: None }
     }
 
-    /// Creates the result of a check that ended with a warning.
-    pub fn warning(check: &'static str, found: impl Into<String>, remedy: impl Into<String>) -> Self {
-        Self { check, result: Severity::Warning, found: found.into(), remedy: Some(remedy.into()) }
+    /// Creates a check that found a reason for a warning.
+    pub fn warning(check: &'static str, found: impl Into<String>, remedy: Remedy) -> Self {
+        Self { check, result: Severity::Warning, found: found.into(), remedy: Some(remedy) }
     }
 
     /// Creates a check that found a problem.
-    pub fn problem(check: &'static str, found: impl Into<String>, remedy: impl Into<String>) -> Self {
-        Self { check, result: Severity::Problem, found: found.into(), remedy: Some(remedy.into()) }
+    pub fn problem(check: &'static str, found: impl Into<String>, remedy: Remedy) -> Self {
+        Self { check, result: Severity::Problem, found: found.into(), remedy: Some(remedy) }
     }
 }
 

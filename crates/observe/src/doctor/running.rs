@@ -6,11 +6,11 @@ use bus::{BusError, Observer};
 use control::{Diagnostic, RecordStatus, ServiceStatus};
 use graph::Topic;
 use judge::{Diagnosis, FieldQueue, InputCheck};
-use launch::{Service, Source, pluralize};
+use launch::{Service, Source, max_buffer_s, pluralize};
 use messages::{AttitudeOutput, Flags, ImuSample, Ticked};
 use runtime::{Pace, ServiceConfig, clock::monotonic_ns};
 
-use super::{Check, Severity, at_rest::RestCheck};
+use super::{Check, Severity, at_rest::RestCheck, remedy::Remedy};
 use crate::flow::FlowMonitor;
 
 /// Interval between two reads of the topics. It is shorter than the time that their buffers cover.
@@ -19,6 +19,9 @@ const POLL_INTERVAL: Duration = Duration::from_millis(5);
 const WARNING_RATE_ERROR: f64 = 0.05;
 /// Relative rate error above which a problem is reported instead of a warning.
 const PROBLEM_RATE_ERROR: f64 = 0.2;
+
+/// Factor by which the suggested buffer time exceeds the longest pause so far.
+const BUFFER_RESERVE: f64 = 1.2;
 
 /// Data of a system collected during an observation.
 #[derive(Debug)]
@@ -91,10 +94,10 @@ impl Observation {
     /// Returns the checks of this observation, based on the service status and the rates in
     /// `config`.
     pub fn checks(&self, statuses: &[ServiceStatus], config: &ServiceConfig) -> Vec<Check> {
-        let mut checks: Vec<_> = statuses.iter().map(service_check).collect();
+        let mut checks: Vec<_> = statuses.iter().map(|status| service_check(status, config)).collect();
         checks.extend(statuses.iter().flat_map(diagnostic_checks));
         checks.extend(self.rate_checks(config));
-        checks.extend(self.at_rest.checks());
+        checks.extend(self.at_rest.checks(config));
         checks.extend(self.input_checks());
         checks.extend(self.flag_checks());
         checks
@@ -126,7 +129,7 @@ impl Observation {
         }
         let warning = |diagnosis: &Diagnosis| {
             let found = format!("{}: {}", diagnosis.issue.name(), diagnosis.evidence);
-            Check::warning(check, found, diagnosis.remedies())
+            Check::warning(check, found, Remedy::CorrectInput(diagnosis.remedies()))
         };
         self.diagnoses.iter().map(warning).collect()
     }
@@ -138,9 +141,7 @@ impl Observation {
             let found = format!("{name} on {count} of {}: {meaning}", pluralize(self.attitudes, "attitude"));
             (count > 0).then(|| match Flags::INFORMATIONAL.any(*flag) {
                 true => Check::ok(check, found),
-                false => {
-                    Check::warning(check, found, "see `plumb topic echo attitude`, and docs/explanation/bad-input.md")
-                }
+                false => Check::warning(check, found, Remedy::ExplainFlags),
             })
         });
         let flag_checks: Vec<_> = flag_checks.collect();
@@ -153,49 +154,39 @@ impl Observation {
 }
 
 /// Checks that the supervisor recorded all attitudes in its report and in the output file.
-pub fn record_check(RecordStatus { not_recorded, output_error }: &RecordStatus) -> Check {
+pub fn record_check(RecordStatus { not_recorded, output_error }: &RecordStatus, config: &ServiceConfig) -> Check {
     let check = "record";
     let attitudes = pluralize(*not_recorded, "attitude");
     let found = format!("published, but missing from the report's figures and the output file: {attitudes}");
     match output_error {
-        Some(error) => {
-            Check::problem(check, format!("{error}; {found}"), "free disk space, then restart the system when possible")
-        }
+        Some(error) => Check::problem(check, format!("{error}; {found}"), Remedy::FreeDiskSpace),
         None if *not_recorded > 0 => {
-            let remedy =
-                "the supervisor was stopped or starved for longer than buffer_s; raise buffer_s or reduce the load";
-            Check::warning(check, found, remedy)
+            let found = format!("{found}; the supervisor was stopped or starved for longer than buffer_s");
+            Check::warning(check, found, enlarge_buffers(*not_recorded, config))
         }
         None => Check::ok(check, "every attitude is in the report's figures and in the output file, if any"),
     }
 }
 
-fn service_check(status: &ServiceStatus) -> Check {
+/// Returns the remedy for messages that were overwritten before they were read.
+fn enlarge_buffers(lost: u64, config: &ServiceConfig) -> Remedy {
+    let needed_s = config.launch.buffer_s + lost as f64 / config.rate_hz;
+    Remedy::EnlargeBuffers((BUFFER_RESERVE * needed_s).ceil().min(max_buffer_s(config.rate_hz)))
+}
+
+fn service_check(status: &ServiceStatus, config: &ServiceConfig) -> Check {
     let ServiceStatus { service, state, pid, restarts, lost, .. } = status;
     let check = "services";
     let pid = pid.map_or("none".into(), |pid| pid.to_string());
     let found = format!("{service} {state}, process {pid}, restarts {restarts}, lost {lost}");
     match state.raw() {
-        "failed" | "silent" => {
-            Check::problem(check, found, "see its messages in the output of `plumb up` or in the journal")
-        }
-        "backoff" | "starting" => Check::warning(
-            check,
-            found,
-            "run the check again; a service that keeps failing is given up after `[restart] limit`",
-        ),
+        "failed" | "silent" => Check::problem(check, found, Remedy::ReadMessages),
+        "backoff" | "starting" => Check::warning(check, found, Remedy::RunAgain),
         _ if *lost > 0 && [Service::Ingest, Service::Drivers].map(Service::name).contains(&service.raw()) => {
-            let remedy = "set rate_hz to the rate of the sensor, let only the sensor send, or raise buffer_s";
-            Check::warning(check, format!("{found} before a tick"), remedy)
+            Check::warning(check, format!("{found} before a tick"), enlarge_buffers(*lost, config))
         }
-        _ if *lost > 0 => Check::warning(
-            check,
-            found,
-            "if the machine is overloaded, reduce the load or raise buffer_s and lateness_s",
-        ),
-        _ if *restarts > 0 => {
-            Check::warning(check, found, "it ended unexpectedly; see its messages in the output of `plumb up`")
-        }
+        _ if *lost > 0 => Check::warning(check, found, enlarge_buffers(*lost, config)),
+        _ if *restarts > 0 => Check::warning(check, found, Remedy::ReadMessages),
         _ => Check::ok(check, found),
     }
 }
@@ -204,7 +195,8 @@ fn service_check(status: &ServiceStatus) -> Check {
 /// is only a warning.
 fn diagnostic_checks(status: &ServiceStatus) -> impl Iterator<Item = Check> {
     let check = |diagnostic: &Diagnostic| {
-        let (found, remedy) = (diagnostic.found.to_string(), diagnostic.remedy.to_string());
+        let found = diagnostic.found.to_string();
+        let remedy = Remedy::CorrectSource(diagnostic.remedy.to_string());
         match diagnostic.kind.raw() {
             "rate" => Check::warning("source", found, remedy),
             _ => Check::problem("source", found, remedy),
@@ -221,7 +213,7 @@ fn declared_rate_check(declared_hz: f64, measured_hz: f64) -> Option<Check> {
         Check::warning(
             "source",
             format!("{measured_hz:.1} samples/s arrive, rate_hz declares {declared_hz:.1}"),
-            format!("set rate_hz = {measured_hz:.0}: buffers follow from it"),
+            Remedy::DeclareRate(measured_hz),
         )
     })
 }
@@ -234,13 +226,13 @@ fn rate_check(service: Service, flow: &FlowMonitor, expected_hz: Option<f64>, co
         let found = format!("{topic}: {} during the observation", pluralize(report.messages, "message"));
         let source = config.launch.ingest.source;
         let remedy = if service != Service::Ingest {
-            "check the services upstream of it"
+            Remedy::CheckUpstreamServices
         } else if source == Source::Bus {
-            "check that the sensor driver runs and publishes on the topic `sensor`"
+            Remedy::StartSensorProgram
         } else if source.needs_drivers() {
-            "check that the device sends; driver messages are in the output of `plumb up`"
+            Remedy::CheckDevice
         } else {
-            "the source may have reached its end; see `plumb ps`"
+            Remedy::CheckSourceEnd
         };
         return Check::problem(check, found, remedy);
     };
@@ -249,18 +241,18 @@ fn rate_check(service: Service, flow: &FlowMonitor, expected_hz: Option<f64>, co
     let Some(expected_hz) = expected_hz else { return Check::ok(check, format!("{found}; as fast as possible")) };
     let found = format!("{found}; expected {expected_hz:.1} Hz");
     let error = (rate_hz / expected_hz - 1.0).abs();
-    let remedy = "the machine may be overloaded";
     let result = match error {
         _ if error > PROBLEM_RATE_ERROR => Severity::Problem,
         _ if error > WARNING_RATE_ERROR || lost > 0 => Severity::Warning,
         _ => return Check::ok(check, found),
     };
-    Check { check, result, found, remedy: Some(remedy.into()) }
+    Check { check, result, found, remedy: Some(Remedy::ReduceLoad) }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use launch::Launch;
 
     fn status(state: &str, lost: u64) -> ServiceStatus {
         ServiceStatus {
@@ -292,8 +284,9 @@ mod tests {
 
     #[test]
     fn service_state_and_losses_set_severity() {
+        let config = ServiceConfig::standalone(Launch::default(), 1000.0, Pace::Max);
         let results = [("running", 0), ("ready", 0), ("running", 1), ("backoff", 0), ("silent", 0), ("failed", 0)]
-            .map(|(state, lost)| service_check(&status(state, lost)).result);
+            .map(|(state, lost)| service_check(&status(state, lost), &config).result);
         use Severity::{Ok, Problem, Warning};
         assert_eq!(results, [Ok, Ok, Warning, Warning, Problem, Problem]);
     }
