@@ -197,6 +197,33 @@ fn dates_of_unknown_order_are_read_after_their_remedy() {
 }
 
 #[test]
+fn live_dates_of_unknown_order_are_read_after_remedy() {
+    let system = System::new("");
+    let rows = rows();
+    let lines = rows.lines().map(|row| row.split_once(',').unwrap());
+    let dated: String = lines.map(|(t, row)| format!("11/05/2026 10:00:0{t} AM,{row}\n")).collect();
+    let file = system.path("dates.csv");
+    fs::write(&file, HEADER.replace("t_s", "t") + &dated).unwrap();
+    let source = "stdin?rate_hz=100&columns=t,gx,gy,gz,ax,ay,az";
+    let up = |source: &str| {
+        let up = "plumb up --launch launch.toml --speed max --json";
+        format!("{up} --source '{source}&map=t=t,gx=gx,gy=gy,gz=gz,ax=ax,ay=ay,az=az'")
+    };
+    let rejected = shell(&system, &format!("{} < dates.csv", up(source)));
+    let message = text(&rejected.stderr);
+    assert_eq!(rejected.status.code(), Some(1), "{message}");
+    let remedy = "standard input: the first number of the date is the month or the day in ";
+    let (_, message) = message.split_once(remedy).unwrap_or_else(|| panic!("{message}"));
+    let filter = commands(message)[0];
+    let without_time = up(source).replace("map=t=t,", "map=");
+    for line in [format!("{filter} dates.csv | {}", up(source)), format!("{without_time} < dates.csv")] {
+        let output = shell(&system, &line);
+        let stdout = text(&output.stdout);
+        assert!(output.status.success() && stdout.contains("\"ticks_in\":100,"), "{line}: {}", text(&output.stderr));
+    }
+}
+
+#[test]
 fn text_with_constant_times_is_read_by_its_remedy() {
     let system = System::new("");
     let file = system.path("a b.csv");

@@ -4,13 +4,13 @@ use std::{
     fs,
     io::Write,
     path::{Path, PathBuf},
-    process::{Output, Stdio},
+    process::{Command, Output, Stdio},
 };
 
 use flate2::{Compression, write::GzEncoder};
 use serde_json::Value;
 
-use crate::common::{System, attitudes, data, plumb};
+use crate::common::{System, attitudes, data, plumb, python, rms};
 
 /// Column mapping for most of the inputs.
 const MAP: &str = "gx=wx,gy=wy,gz=wz,ax=fx,ay=fy,az=fz";
@@ -207,14 +207,82 @@ fn references_and_fixes_of_logs_are_used() {
     let times: Vec<f64> = fixes.lines().skip(1).map(|row| row.split(',').next().unwrap().parse().unwrap()).collect();
     assert_eq!((times[0], times[times.len() - 1].round()), (50.005, 64.0), "{times:?}");
     let (scores, _) = scored(&file, &["--fuser", "multiple-model", "--fuser", "aided"]);
-    let [total, aided] = [0, 1].map(|stage| error_deg(&scores, stage, "total"));
-    println!("old GPS clock: multiple-model {total:.2}°, aided {aided:.2}°");
-    assert!(total < 2.3 && aided < 1.7, "{total} {aided}");
+    assert_errors_at_most(&scores, 0, [2.09, 1.75, 1.16]);
+    assert_errors_at_most(&scores, 1, [1.56, 1.55, 0.18]);
     let file = input("slow_attitude.bin").unwrap();
     let (scores, stderr) = scored(&file, &[]);
-    let total = error_deg(&scores, 0, "total");
-    println!("slow attitude: {total:.2}°");
-    assert!((1.5..2.4).contains(&total) && stderr.contains("140 with reference"), "{total} {stderr}");
+    assert_errors_at_most(&scores, 0, [2.13, 1.85, 1.06]);
+    assert!(stderr.contains("140 with reference"), "{stderr}");
+}
+
+/// Asserts that the total, heading and inclination errors of a stage do not exceed these values in
+/// degrees, which are rounded to hundredths, and are not much smaller, as they would be without
+/// reference.
+fn assert_errors_at_most(scores: &Value, stage: usize, limits_deg: [f64; 3]) {
+    for (name, limit_deg) in ["total", "heading", "inclination"].into_iter().zip(limits_deg) {
+        let found_deg = error_deg(scores, stage, name);
+        println!("stage {stage}: {name} {found_deg:.3}°, at most {limit_deg}°");
+        assert!((0.7 * limit_deg..limit_deg + 0.005).contains(&found_deg), "stage {stage}: {name} {found_deg}");
+    }
+}
+
+/// Tick of a table that `score --csv` has written.
+struct ScoredTick {
+    t_s: f64,
+    heading_error_deg: f64,
+    heading_sd_deg: f64,
+    bias_deg_s: [f64; 3],
+}
+
+fn scored_ticks(table: &Path) -> Vec<ScoredTick> {
+    let text = fs::read_to_string(table).unwrap();
+    let mut lines = text.lines().map(|line| line.split(',').collect::<Vec<_>>());
+    let names = lines.next().unwrap();
+    let tick = |fields: Vec<&str>| {
+        let number = |name: &str| fields[names.iter().position(|it| *it == name).unwrap()].parse::<f64>().unwrap();
+        let turns = (number("z_rad") - number("true_z_rad")) / std::f64::consts::TAU;
+        ScoredTick {
+            t_s: number("t_s"),
+            heading_error_deg: 360.0 * (turns - turns.round()),
+            heading_sd_deg: number("heading_sd_rad").to_degrees(),
+            bias_deg_s: ["bias_x_rad_s", "bias_y_rad_s", "bias_z_rad_s"].map(|name| number(name).to_degrees()),
+        }
+    };
+    lines.map(tick).collect()
+}
+
+/// The first recording starts beside iron, which the body leaves at 62 s. In the second one, the
+/// bias of the gyro steps at 60 s.
+#[recorded::test]
+fn heading_and_bias_recover_with_honest_deviation() {
+    let (Some(script), Some(python)) = (input("estimator.py"), python::python()) else { return };
+    let system = System::new("");
+    let output = Command::new(python).arg(script).arg(system.folder.path()).output().unwrap();
+    assert!(output.status.success(), "{}", text(&output.stderr));
+    for (name, start_bias_deg_s, end_bias_deg_s, settled_s) in [
+        ("disturbed_start", [0.115, -0.057, 0.172], [0.115, -0.057, 0.172], 122.0),
+        ("bias_step", [0.0; 3], [1.5, -0.8, 1.0], 120.0),
+    ] {
+        let tables = system.path("tables");
+        scored(&system.path(&format!("{name}.csv")), &["--csv", tables.to_str().unwrap()]);
+        let ticks = scored_ticks(&tables.join(format!("{name}.csv")));
+        let bias_error = |tick: &ScoredTick, truth: [f64; 3]| {
+            let errors = tick.bias_deg_s.iter().zip(truth).map(|(found, truth)| (found - truth).abs());
+            errors.fold(0.0, f64::max)
+        };
+        let before = ticks.iter().rfind(|tick| tick.t_s < 60.0).unwrap();
+        let biases = [bias_error(before, start_bias_deg_s), bias_error(ticks.last().unwrap(), end_bias_deg_s)];
+        let settled: Vec<_> = ticks.iter().filter(|tick| tick.t_s >= settled_s).collect();
+        let rms_deg = rms(settled.iter().map(|tick| tick.heading_error_deg));
+        let max_deg = settled.iter().map(|tick| tick.heading_error_deg.abs()).fold(0.0, f64::max);
+        let ratio = ticks.iter().map(|tick| tick.heading_error_deg.abs() / tick.heading_sd_deg).fold(0.0, f64::max);
+        let last_sd_deg = ticks.last().unwrap().heading_sd_deg;
+        println!(
+            "{name}: heading {rms_deg:.2}° rms, {max_deg:.2}° at most, {ratio:.2} deviations at most, {last_sd_deg:.2}° at the end, bias {biases:.3?} °/s"
+        );
+        assert!(rms_deg < 1.0 && max_deg < 3.0 && biases[0] < 0.05 && biases[1] < 0.05, "{name}");
+        assert!(ratio < 3.0 && last_sd_deg < 2.0, "{name}: {ratio} {last_sd_deg}");
+    }
 }
 
 #[recorded::test]

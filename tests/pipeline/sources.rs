@@ -634,6 +634,30 @@ fn second_datagram_sender_is_reported_and_ignored() {
 }
 
 #[test]
+fn dates_of_unknown_order_in_datagrams_are_reported() {
+    let port = free_udp_port();
+    let socket = UdpSocket::bind("127.0.0.1:0").unwrap();
+    let _sender = BackgroundTask::start(Duration::from_millis(5), move |n| {
+        let line = format!("11/05/2026 10:00:{:06.3},0,0,0.1,0,0,9.8", n as f64 / 200.0 % 60.0);
+        let _ = socket.send_to(line.as_bytes(), ("127.0.0.1", port));
+        true
+    });
+    let source = format!("udp:127.0.0.1:{port}?rate_hz=200&columns=t,gx,gy,gz,ax,ay,az");
+    let system = System::new("");
+    let running = system.start(&["--source", &source]);
+    wait_for_finding(&system, "write the year first");
+    running.interrupt();
+    running.wait();
+    // The remedy without a program is to leave t out of map.
+    let system = System::new("");
+    let running = system.start(&["--source", &format!("{source}&map=gx=gx,gy=gy,gz=gz,ax=ax,ay=ay,az=az")]);
+    wait_for_ticks(&system, 100);
+    assert_eq!(source_findings(&system), Vec::<String>::new());
+    running.interrupt();
+    assert_eq!(running.wait().code, Some(0));
+}
+
+#[test]
 fn unreachable_host_is_reported_and_retried() {
     let port = free_tcp_port();
     let system = System::new("");

@@ -170,11 +170,11 @@ impl fmt::Display for Remedy {
             Self::RaiseOpenFileLimit => f.write_str(OPEN_FILES_REMEDY),
             Self::RaiseLockedMemoryLimit => {
                 let command = as_root("prlimit --pid $$ --memlock=unlimited");
-                write!(f, "`{command}` in the shell that starts plumb, or LimitMEMLOCK=infinity in the unit")
+                write!(f, "`{command}` in the shell that starts plumb, or LimitMEMLOCK=infinity in the unit; in a container --ulimit memlock=-1")
             }
             Self::AllowRealTime => {
                 let command = as_root("prlimit --pid $$ --rtprio=50");
-                write!(f, "`{command}` in the shell that starts plumb, or LimitRTPRIO=50 in the unit")
+                write!(f, "`{command}` in the shell that starts plumb, or LimitRTPRIO=50 in the unit; in a container --ulimit rtprio=50")
             }
             Self::SelectClockSource(source) => {
                 write!(f, "`echo {source} | {}`", as_root(&format!("tee {CLOCK_SOURCE_FILE}")))
