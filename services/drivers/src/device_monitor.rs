@@ -1,6 +1,6 @@
 //! Detects device problems: unavailable or silent device, wrong format, ambiguous dates, no
-//! measurements, corrupted data, second sender, foreign systems, dropped datagrams, rate other than declared, unsteady
-//! clock.
+//! measurements, corrupted data, second sender, foreign systems, dropped datagrams, rate other than
+//! declared, unsteady clock.
 //!
 //! Input: one report per second.
 //!

@@ -127,7 +127,9 @@ const TABLE: [(Format, &str, Option<&str>); 33] = [
     (
         Format::Spreadsheet,
         "spreadsheet",
-        Some("convert it with `soffice --headless --convert-to csv FILE`, or save it as \"CSV UTF-8\""),
+        Some(
+            "convert it with `python3 -c \"import pandas, sys; pandas.read_excel(sys.argv[1]).to_csv(sys.argv[2], index=False)\" FILE FILE.csv`, or save it as \"CSV UTF-8\"",
+        ),
     ),
     (
         Format::Parquet,
@@ -170,7 +172,7 @@ const TABLE: [(Format, &str, Option<&str>); 33] = [
     (Format::Zstd, "zstd file without text", Some("unpack it with `zstd -d FILE` and name the file in it")),
     (Format::Xz, "xz file", Some("unpack it with `unxz FILE` and name the file in it")),
     (Format::Bzip2, "bzip2 file", Some("unpack it with `bunzip2 FILE` and name the file in it")),
-    (Format::Lz4, "LZ4 file", Some("unpack it with `unlz4 FILE` and name the file in it")),
+    (Format::Lz4, "LZ4 file", Some("unpack it with `unlz4 -m FILE` and name the file in it")),
 ];
 
 impl Format {

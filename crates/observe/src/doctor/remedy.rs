@@ -133,7 +133,7 @@ impl Remedy {
 
     /// Returns the remedy for removed files of the running system with these processes.
     pub(super) fn renew_bus(pids: &[u32]) -> Self {
-        // The supervisor starts the services, so a process whose parent is part of the system is a
+        // The supervisor starts the services, so a process with a parent in the system is a
         // service.
         let is_service = |pid: &&u32| parent_pid(**pid).is_some_and(|parent| pids.contains(&parent));
         Self::RenewBus(pids.iter().find(is_service).copied())

@@ -30,7 +30,7 @@ fn format_detected_by_content_under_any_name() {
         ),
         (b"SQLite format 3\0\x10\0".into(), Format::Sqlite, "found no sample of rate and force"),
         (b"PK\x03\x04\x14\0".into(), Format::Zip, "zip archive; unpack it with `unzip "),
-        (b"PK\x03\x04\x14\0[Content_Types].xml".into(), Format::Spreadsheet, "spreadsheet; convert it with `soffice"),
+        (b"PK\x03\x04\x14\0[Content_Types].xml".into(), Format::Spreadsheet, "spreadsheet; convert it with `python3"),
         (gzip(&Log::new(&[COMBINED]).0), Format::Gzip, "gzip file without text; unpack it with `gunzip "),
         (b"#ROSBAG V2.0\n".into(), Format::Ros1Bag, "ROS 1 bag; convert it with `rosbags-convert --src "),
         (b"H Product:Blackbox flight data".into(), Format::Blackbox, "blackbox log; convert it with `blackbox_decode"),
