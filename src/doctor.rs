@@ -56,7 +56,7 @@ pub(crate) fn run(DoctorCommand { system, fix, duration }: DoctorCommand) -> Exi
     let mut checks = machine::checks();
     checks.extend(leftovers::checks(system.selection.is_named().then_some(&system_name), fix));
     checks.extend(match system_name.owner_pid() {
-        Ok(Some(pid)) => check_running_system(&name, pid, duration).unwrap_or_else(|check| vec![check]),
+        Ok(Some(pid)) => check_running_system(&name, pid, duration).unwrap_or_else(|check| vec![*check]),
         Ok(None) => vec![match observer(&name, "doctor") {
             Err(error @ BusError::FilesRemoved { .. }) => {
                 Check::problem("system", error.to_string(), Remedy::for_bus_error(&error))
@@ -82,16 +82,17 @@ pub(crate) fn run(DoctorCommand { system, fix, duration }: DoctorCommand) -> Exi
 
 /// Checks the running system of the given supervisor. Returns a failed check if it cannot be
 /// observed.
-fn check_running_system(name: &str, supervisor: u32, duration: Duration) -> Result<Vec<Check>, Check> {
-    let observe_failed = |error: BusError| Check::warning("system", error.to_string(), Remedy::for_bus_error(&error));
+fn check_running_system(name: &str, supervisor: u32, duration: Duration) -> Result<Vec<Check>, Box<Check>> {
+    let observe_failed =
+        |error: BusError| Box::new(Check::warning("system", error.to_string(), Remedy::for_bus_error(&error)));
     let request_failed = |error: ControlError| {
         if is_stopped(supervisor) {
             let found = format!(
                 "the supervisor of {name:?}, process {supervisor}, has been stopped: no service is restarted, and its report and file lack attitudes older than buffer_s"
             );
-            return Check::problem("system", found, Remedy::ResumeSupervisor(supervisor));
+            return Box::new(Check::problem("system", found, Remedy::ResumeSupervisor(supervisor)));
         }
-        Check::problem("system", error.to_string(), Remedy::RunAgain)
+        Box::new(Check::problem("system", error.to_string(), Remedy::RunAgain))
     };
     let observer = observer(name, "doctor").map_err(observe_failed)?;
     let mut stop = StopCondition::new(|| observer.is_running(), Some(duration));

@@ -374,7 +374,7 @@ fn remedy_for_lingering_processes_works() {
     paste(&system, &kill);
     member.wait().unwrap();
     // The remedy for files of a dead system is the same command.
-    assert_eq!(pasteable(&check(&system, "leftovers")), [fix.clone()]);
+    assert_eq!(pasteable(&check(&system, "leftovers")).concat(), fix);
     shell(&system, &fix).output().unwrap();
     assert_eq!(check(&system, "leftovers")["found"], "none");
     assert_eq!(system.leftovers(), Vec::<String>::new());
