@@ -238,9 +238,7 @@ impl Running {
                 if let Some(name) = known.get(&pid) {
                     return Some((name.clone(), pid));
                 }
-                let line = fs::read(format!("/proc/{pid}/cmdline")).ok()?;
-                let words: Vec<_> = line.split(|byte| *byte == 0).map(String::from_utf8_lossy).collect();
-                let name = (words.get(1)? == "service").then(|| words[2].to_string())?;
+                let name = service_of(pid)?;
                 known.insert(pid, name.clone());
                 Some((name, pid))
             })
@@ -391,6 +389,17 @@ pub(crate) fn is_alive(pid: u32) -> bool {
 pub(crate) fn children_of(pid: u32) -> Vec<u32> {
     let text = fs::read_to_string(format!("/proc/{pid}/task/{pid}/children")).unwrap_or_default();
     text.split_whitespace().map(|pid| pid.parse().unwrap()).collect()
+}
+
+/// Returns the name of the service that a process runs, or `None` for any other process.
+///
+/// The word `service` is not always the first argument, because the command line of an emulated
+/// process starts with the emulator.
+pub(crate) fn service_of(pid: u32) -> Option<String> {
+    let line = fs::read(format!("/proc/{pid}/cmdline")).ok()?;
+    let mut words = line.split(|byte| *byte == 0);
+    words.find(|word| *word == b"service")?;
+    words.next().map(|name| String::from_utf8_lossy(name).into_owned())
 }
 
 /// Waits for a condition that must become true. The timeout elapses only if a test fails.

@@ -1,9 +1,9 @@
 //! Swaps of stages in a running system.
 //!
 //! No tick is lost or duplicated, and the old stage stays if the swap fails.
-use std::{fs, time::Duration};
+use std::time::Duration;
 
-use crate::common::{Running, System, children_of, signal, wait_for};
+use crate::common::{Running, System, children_of, service_of, signal, wait_for};
 use rustix::process::Signal;
 use serde_json::Value;
 
@@ -123,12 +123,7 @@ fn invalid_swap_is_rejected_and_changes_no_byte() {
 
 /// Returns the processes of a slot: its owner and the candidate, if any.
 fn slot_processes(running: &Running, slot: &str) -> Vec<u32> {
-    let is = |pid: &u32| {
-        let line = fs::read(format!("/proc/{pid}/cmdline")).unwrap_or_default();
-        let mut words = line.split(|byte| *byte == 0).skip(1);
-        words.next() == Some(b"service") && words.next() == Some(slot.as_bytes())
-    };
-    children_of(running.pid()).into_iter().filter(is).collect()
+    children_of(running.pid()).into_iter().filter(|pid| service_of(*pid).as_deref() == Some(slot)).collect()
 }
 
 #[test]
