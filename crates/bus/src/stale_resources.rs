@@ -195,11 +195,13 @@ impl SystemName {
     /// Returns a segment without a size, if there is one.
     ///
     /// The creator of the segment was killed before it set the size. Opening such a segment would
-    /// block forever.
+    /// block forever. A connection is removed instead, because no other port uses that of a killed
+    /// process.
     pub(crate) fn incomplete_segment(&self) -> Option<PathBuf> {
+        let has_kind = |path: &Path, kind: &str| path.extension().is_some_and(|extension| extension == kind);
         let is_empty = |path: &PathBuf| {
-            let made = path.extension().is_some_and(|kind| kind == "dynamic" || kind == "connection" || kind == "data");
-            made && fs::symlink_metadata(path).is_ok_and(|segment| segment.len() == 0)
+            ["dynamic", "connection", "data"].into_iter().any(|kind| has_kind(path, kind))
+                && fs::symlink_metadata(path).is_ok_and(|segment| segment.len() == 0)
         };
         let mut suspects: Vec<_> = self.files().into_iter().filter(is_empty).collect();
         let deadline = Instant::now() + OWNER_START_TIMEOUT;
@@ -208,6 +210,10 @@ impl SystemName {
             std::thread::sleep(POLL_INTERVAL);
             suspects.retain(is_empty);
         }
+        suspects.retain(|path| {
+            let is_unused = has_kind(path, "connection") && pids_with_open(path).is_empty();
+            !(is_unused && fs::remove_file(path).is_ok())
+        });
         suspects.pop()
     }
 }

@@ -28,7 +28,7 @@ const FEEDS_PER_TIMEOUT: u32 = 4;
 #[derive(Debug)]
 pub(crate) struct Notifier {
     manager: Option<UnixDatagram>,
-    /// Interval between two feeds of the watchdog; `None` if there is no watchdog.
+    /// Interval between two feeds of the watchdog; `None` without a watchdog.
     feed_interval: Option<Duration>,
     last_fed: Instant,
     last_fed_tick: u64,
@@ -93,7 +93,7 @@ fn connect(address: &OsStr) -> io::Result<UnixDatagram> {
     Ok(socket)
 }
 
-/// Returns the timeout of this process's watchdog; `None` if there is no watchdog.
+/// Returns the timeout of this process's watchdog; `None` without a watchdog.
 fn watchdog_timeout() -> Option<Duration> {
     let is_for_other_process = env::var("WATCHDOG_PID").is_ok_and(|pid| pid != std::process::id().to_string());
     let timeout_us: u64 = env::var("WATCHDOG_USEC").ok()?.parse().ok()?;

@@ -14,7 +14,7 @@ use crate::report::Check;
 
 /// Time for the checks of a stage.
 pub(crate) struct Budget<'a> {
-    /// Deadline of all checks; `None` if there is no limit.
+    /// Deadline of all checks; `None` without a limit.
     end: Option<Instant>,
     /// Deadline of the current group.
     group_end: Cell<Option<Instant>>,

@@ -30,7 +30,7 @@ const RMSE_ROW: &str = "undisturbed RMSE °";
 const FACTOR_ROW: &str = "multiple of undisturbed RMSE";
 
 /// Table with one column per stage. [`RMSE_ROW`] and [`FACTOR_ROW`] are followed by one row per
-/// fault with the maximum recovery time, s. An entry is `none` if there is no limit.
+/// fault with the maximum recovery time, s. An entry is `none` without a limit.
 static TABLE: LazyLock<Vec<Vec<&'static str>>> = LazyLock::new(|| {
     let rows = include_str!("../recovery.csv").lines().filter(|line| !line.starts_with('#'));
     rows.map(|row| row.split(',').map(str::trim).collect()).collect()

@@ -37,7 +37,7 @@ pub struct Summary {
     pub reference_rows: u64,
     /// Number of fixes written.
     pub fixes: u64,
-    /// Path of the fixes file; `None` if there are no fixes.
+    /// Path of the fixes file; `None` without fixes.
     pub fixes_file: Option<PathBuf>,
     /// Sensors from which the user can choose one.
     pub sensors: Vec<Sensor>,

@@ -84,7 +84,7 @@ pub(crate) fn evaluate_trial(trial: &Trial, launches: &[Launch]) -> Result<Vec<(
         .collect())
 }
 
-/// Returns the true state at a tick; `None` if there is no reference.
+/// Returns the true state at a tick; `None` without a reference.
 pub(crate) fn truth(sample: &Sample, gyro_bias_rad_s: Option<[f64; 3]>) -> Option<Truth> {
     sample.reference.map(|truth| Truth { quaternion: truth.quaternion, scored: truth.scored, gyro_bias_rad_s })
 }

@@ -110,7 +110,7 @@ impl RatioHistograms {
     }
 }
 
-/// Quantiles of the normalised errors; `None` if there are no samples.
+/// Quantiles of the normalised errors; `None` without samples.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Serialize)]
 pub struct NormalisedErrors {
     /// Quantiles of the inclination error, normalised by the standard deviation of one of its two

@@ -26,7 +26,7 @@ const BINS: u64 = 400;
 pub(crate) struct Overlay {
     /// Name of the trial.
     pub(crate) name: ForeignText,
-    /// Angles of the reference; empty if there is no reference.
+    /// Angles of the reference; empty without a reference.
     pub(crate) reference: AngleCurves,
     /// Angles of each chain.
     pub(crate) stages: Vec<AngleCurves>,

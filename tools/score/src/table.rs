@@ -94,7 +94,7 @@ pub struct TrialScore {
     pub spread: Option<Spread>,
 }
 
-/// Errors of a chain; `None` if there is no reference or the error is undefined.
+/// Errors of a chain; `None` without a reference, or if the error is undefined.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Serialize)]
 pub struct Errors {
     /// Attitude errors.
@@ -192,7 +192,7 @@ pub struct Point {
 pub struct Recommendation {
     /// Best and second-best stage with their errors, as text.
     pub text: String,
-    /// Sections of `launch.toml` that select the best stage; empty if there is no reference.
+    /// Sections of `launch.toml` that select the best stage; empty without a reference.
     pub launch: String,
 }
 
@@ -241,7 +241,7 @@ impl Errors {
     }
 }
 
-/// Attitude errors, degrees; `None` if there is no reference.
+/// Attitude errors, degrees; `None` without a reference.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Serialize)]
 pub struct ErrorsDeg {
     /// Angle of the total rotation between estimate and reference.

@@ -64,7 +64,7 @@ impl StageInput {
 
 /// Returns the time per update in ns for each chain in `compared`.
 ///
-/// A time is `None` if there are no samples, or if the kernel does not report the CPU time of an
+/// A time is `None` without samples, or if the kernel does not report the CPU time of an
 /// external program.
 pub fn ns_per_update(steps: &[StageInput], compared: &[StageChain]) -> Vec<Option<f64>> {
     let mut rounds_ns = vec![[f64::NAN; ROUNDS]; compared.len()];

@@ -3,6 +3,7 @@ use std::{
     fs,
     os::unix::fs::PermissionsExt,
     path::PathBuf,
+    process::Command,
     sync::atomic::{AtomicU32, Ordering},
 };
 
@@ -124,6 +125,21 @@ fn incomplete_segment_is_reported_without_blocking() {
     let refused = observer.tap(Topic::Imu).unwrap_err();
     assert!(matches!(&refused, BusError::IncompleteSegment { path, .. } if *path == killed), "{refused}");
     assert_eq!(StaleResources::for_system(system_name).unwrap().incomplete_segment, Some(killed));
+}
+
+#[test]
+fn incomplete_connection_is_removed_once_unused() {
+    let System { bus, system_name, claim: _claim } = &system();
+    let _publisher = bus.publisher::<ImuSample>(BUFFER).unwrap();
+    let observer = Observer::attach(system_name, "test").unwrap();
+    let path = PathBuf::from(format!("/dev/shm/plumbline.{}.0_1_2.connection", system_name.name()));
+    fs::write(&path, "").unwrap();
+    let mut creator = Command::new("sleep").arg("60").stdin(fs::File::open(&path).unwrap()).spawn().unwrap();
+    assert!(matches!(observer.tap(Topic::Imu).unwrap_err(), BusError::IncompleteSegment { .. }), "in use");
+    creator.kill().unwrap();
+    creator.wait().unwrap();
+    observer.tap(Topic::Imu).unwrap();
+    assert!(!path.exists());
 }
 
 #[test]

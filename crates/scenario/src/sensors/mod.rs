@@ -47,7 +47,7 @@ pub struct Reading {
     pub rate_rad_s: Vector3<f64>,
     /// Instantaneous specific force, m/s², body axes.
     pub force_m_s2: Vector3<f64>,
-    /// Instantaneous magnetic field, µT, body axes; `None` if there is no magnetometer.
+    /// Instantaneous magnetic field, µT, body axes; `None` without a magnetometer.
     pub field_ut: Option<Vector3<f64>>,
     /// Newest fix that arrived since the previous reading.
     pub fix: Option<Fix>,

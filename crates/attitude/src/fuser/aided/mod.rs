@@ -28,7 +28,7 @@
 //! | `sums` | sums since the last propagation of the covariance |
 //! | `fixes` | satellite velocity and the initial course |
 //! | `aiding` | state of the receiver |
-//! | `assumed_velocity` | assumed velocity while there are no fixes, and updates at standstill |
+//! | `assumed_velocity` | assumed velocity without fixes, and updates at standstill |
 //! | `consistency` | consistency of the filter's standard deviations |
 //! | `standstill` | standstill detector, which also measures the gyro bias |
 //! | `magnetic` | heading from the magnetic field |

@@ -52,17 +52,17 @@ settings! {
         innovation_limit: 4.0 in 1.0 .. 1000.0, "";
         /// Time without a velocity after which the receiver counts as lost.
         fix_timeout_s: 1.5 in 0.2 .. 60.0, "s";
-        /// Standard deviation of the remembered speed along the course while there are no fixes.
+        /// Standard deviation of the remembered speed along the course without fixes.
         along_sd_m_s: 20.0 in 0.1 .. 1000.0, "m/s";
         /// Correlation time of the error in the remembered speed.
         along_memory_s: 100.0 in 1.0 .. 10000.0, "s";
-        /// Standard deviation of the velocity across the course while there are no fixes.
+        /// Standard deviation of the velocity across the course without fixes.
         across_sd_m_s: 4.0 in 0.1 .. 1000.0, "m/s";
-        /// Correlation time of the velocity across the course while there are no fixes.
+        /// Correlation time of the velocity across the course without fixes.
         across_memory_s: 20.0 in 1.0 .. 10000.0, "s";
-        /// Standard deviation of the vertical velocity while there are no fixes.
+        /// Standard deviation of the vertical velocity without fixes.
         vertical_sd_m_s: 1.0 in 0.1 .. 1000.0, "m/s";
-        /// Correlation time of the vertical velocity while there are no fixes.
+        /// Correlation time of the vertical velocity without fixes.
         vertical_memory_s: 5.0 in 1.0 .. 10000.0, "s";
         /// Standard deviation of the speed before the first satellite velocity.
         speed_sd_m_s: 50.0 in 0.1 .. 1000.0, "m/s";

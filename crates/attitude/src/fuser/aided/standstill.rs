@@ -25,7 +25,7 @@ pub(super) struct StillnessLimits {
 /// that an idling engine does not count as motion.
 pub(super) const WITH_RECEIVER: StillnessLimits =
     StillnessLimits { rate_rad_s: 0.013_962_634, force_m_s2: 0.15, mean_rad_s: 0.087_266_463 };
-/// Limits if there is no receiver: 0.3 °/s, 0.08 m/s² and a mean rate of 1 °/s. They are tighter
+/// Limits without a receiver: 0.3 °/s, 0.08 m/s² and a mean rate of 1 °/s. They are tighter
 /// than with a receiver, because a steady turn in still air looks like standstill.
 pub(super) const WITHOUT_RECEIVER: StillnessLimits =
     StillnessLimits { rate_rad_s: 0.005_235_988, force_m_s2: 0.08, mean_rad_s: 0.017_453_293 };

@@ -27,9 +27,9 @@ settings! {
         /// Time constant of levelling with satellite velocity, 1/(K g). A shorter one reduces the
         /// effect of the gyro bias but passes more noise.
         time_constant_s: 5.0 in 1.0 .. 1000.0, "s";
-        /// Time constant of levelling if there is no GNSS velocity.
+        /// Time constant of levelling without GNSS velocity.
         autonomous_time_constant_s: 60.0 in 1.0 .. 10000.0, "s";
-        /// Low-pass time constant of the specific force if there is no GNSS velocity.
+        /// Low-pass time constant of the specific force without GNSS velocity.
         low_pass_s: 20.0 in 0.0 .. 1000.0, "s";
         /// Time without a fix after which levelling becomes autonomous.
         gap_s: 1.5 in 0.1 .. 60.0, "s";

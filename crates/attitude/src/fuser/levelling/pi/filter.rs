@@ -48,7 +48,7 @@ pub struct LevellingPi {
     pub(super) heading: Heading,
     /// Tilt correction that has not been applied yet, in platform axes, rad.
     pub(super) pending_rad: Complex<f64>,
-    /// Low-pass filtered force minus V H' in platform axes while there are no fixes, m/s².
+    /// Low-pass filtered force minus V H' in platform axes without fixes, m/s².
     pub(super) low_pass_m_s2: Complex<f64>,
     /// Time for which the low-pass filter of `low_pass_m_s2` still computes a plain mean, s. After
     /// that, the filter uses its time constant.

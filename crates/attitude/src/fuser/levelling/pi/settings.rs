@@ -27,20 +27,19 @@ settings! {
         /// Time after the last fix at which levelling becomes autonomous. A receiver with longer
         /// intervals between its fixes is not used.
         gap_s: 1.5 in 0.1 .. 60.0, "s";
-        /// Time constant of levelling while there are no fixes.
+        /// Time constant of levelling without fixes.
         gap_time_constant_s: 100.0 in 1.0 .. 10000.0, "s";
-        /// Low-pass time constant of the specific force while there are no fixes. The acceleration
+        /// Low-pass time constant of the specific force without fixes. The acceleration
         /// of a turn is subtracted from the force first.
         gap_low_pass_s: 30.0 in 0.0 .. 1000.0, "s";
-        /// Integral time of the gyro bias estimate while there are no fixes.
+        /// Integral time of the gyro bias estimate without fixes.
         gap_integral_s: 4000.0 in 100.0 .. 1000000.0, "s";
-        /// Turn rate at which the weight of the force is halved while there are no fixes.
+        /// Turn rate at which the weight of the force is halved without fixes.
         gap_turn_deg_s: 1.0 in 0.01 .. 1000.0, "°/s";
-        /// Time constant of levelling if there is no satellite velocity and the gyro bias is
-        /// unknown.
+        /// Time constant of levelling without satellite velocity while the gyro bias is unknown.
         cold_time_constant_s: 60.0 in 1.0 .. 10000.0, "s";
-        /// Low-pass time constant of the specific force if there is no satellite velocity and the
-        /// gyro bias is unknown.
+        /// Low-pass time constant of the specific force without satellite velocity while the gyro
+        /// bias is unknown.
         cold_low_pass_s: 20.0 in 0.0 .. 1000.0, "s";
     }
 }

@@ -14,7 +14,7 @@ const MAX_RATE_RMS_RAD_S: f64 = 0.0052;
 /// Largest RMS deviation of the rate from its mean if a receiver reports standstill, rad/s (0.8
 /// °/s).
 const MAX_AIDED_RATE_RMS_RAD_S: f64 = 0.014;
-/// Largest RMS deviation of the force from its mean at standstill if there is no receiver, m/s².
+/// Largest RMS deviation of the force from its mean at standstill without a receiver, m/s².
 const MAX_FORCE_RMS_M_S2: f64 = 0.08;
 /// Largest RMS deviation of the force from its mean if a receiver reports standstill, m/s².
 const MAX_AIDED_FORCE_RMS_M_S2: f64 = 0.15;
