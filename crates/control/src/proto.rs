@@ -59,30 +59,41 @@ impl From<SwapAnswer> for SwapReport {
 impl From<ServiceStatus> for v1::ServiceStatus {
     fn from(status: ServiceStatus) -> Self {
         let ServiceStatus { service, stage, state, pid, restarts, incarnation, epoch, ticks, lost, .. } = status;
-        let trouble = |Diagnostic { kind, found, remedy }| v1::Trouble {
+        let to_proto = |Diagnostic { kind, found, remedy }| v1::Diagnostic {
             kind: kind.raw().into(),
             found: found.raw().into(),
             remedy: remedy.raw().into(),
         };
-        let troubles = status.diagnostics.into_iter().map(trouble).collect();
-        let [stage, at] = [stage, status.address].map(|text| text.unwrap_or_default().raw().to_owned());
+        let diagnostics = status.diagnostics.into_iter().map(to_proto).collect();
+        let [stage, address] = [stage, status.address].map(|text| text.unwrap_or_default().raw().to_owned());
         let [service, state] = [service, state].map(|text| text.raw().to_owned());
         let pid = pid.unwrap_or_default();
-        Self { service, stage, state, pid, restarts, incarnation, epoch, ticks, lost, at, troubles }
+        Self { service, stage, state, pid, restarts, incarnation, epoch, ticks, lost, address, diagnostics }
     }
 }
 
 impl From<v1::ServiceStatus> for ServiceStatus {
     fn from(status: v1::ServiceStatus) -> Self {
-        let v1::ServiceStatus { service, stage, state, pid, restarts, incarnation, epoch, ticks, lost, at, troubles } =
-            status;
-        let diagnostic = |v1::Trouble { kind, found, remedy }| Diagnostic {
+        let v1::ServiceStatus {
+            service,
+            stage,
+            state,
+            pid,
+            restarts,
+            incarnation,
+            epoch,
+            ticks,
+            lost,
+            address,
+            diagnostics,
+        } = status;
+        let diagnostic = |v1::Diagnostic { kind, found, remedy }| Diagnostic {
             kind: kind.into(),
             found: found.into(),
             remedy: remedy.into(),
         };
-        let diagnostics = troubles.into_iter().map(diagnostic).collect();
-        let (stage, address) = (non_empty(stage), non_empty(at));
+        let diagnostics = diagnostics.into_iter().map(diagnostic).collect();
+        let (stage, address) = (non_empty(stage), non_empty(address));
         let pid = Some(pid).filter(|pid| *pid != 0);
         let (service, state) = (service.into(), state.into());
         Self { service, stage, state, pid, restarts, incarnation, epoch, ticks, lost, address, diagnostics }

@@ -54,7 +54,7 @@ pub enum DecodeError {
 }
 
 /// Number of decode errors by kind.
-pub type DecodeErrorCounts = v1::Refusals;
+pub type DecodeErrorCounts = v1::Rejections;
 
 impl DecodeErrorCounts {
     /// Counts an error.

@@ -221,7 +221,7 @@ export class Data {
     const reported_s = event.t_event_ns * 1e-9;
     if (this.events.some((known) => known.number === event.number && known.reported_s === reported_s)) return;
     const kind = event.kind.replace("EVENT_KIND_", "");
-    const fault = ["ENDED", "GIVEN_UP", "LOST", "NOT_TAKEN", "ABORTED", "REFUSED", "BUS_RENEWED"].includes(kind) && event.reason !== CANCELLED_REASON;
+    const fault = ["ENDED", "GIVEN_UP", "LOST", "NOT_RECORDED", "ABORTED", "REFUSED", "BUS_RENEWED"].includes(kind) && event.reason !== CANCELLED_REASON;
     const service = event.service === "SERVICE_UNSPECIFIED" ? "" : event.service.replace("SERVICE_", "").toLowerCase();
     const label = `${service} ${kind.toLowerCase().replaceAll("_", " ")}`.trim();
     this.add({ t: this.clock_offset_s === null ? null : reported_s + this.clock_offset_s, until: null, reported_s, number: event.number, text: describe(event, label), label, fault, kind: event.kind, service, stage: event.stage, tick: event.tick });

@@ -67,7 +67,7 @@ export class Sensors {
     const flags = snapshot.imu ? this.data.flags.filter((_, bit) => Math.floor(snapshot.imu.header.flags / 2 ** bit) % 2 === 1).map(([name]) => name) : [];
     write(this.flags, flags.length ? flags.join(", ") : "none");
     const warnings = [...(this.data.systemStatus.warnings ?? [])];
-    for (const { status } of this.data.systemStatus.services ?? []) for (const diagnostic of status?.troubles ?? []) warnings.push(`${status.service}: ${diagnostic.found}\n${diagnostic.remedy}`);
+    for (const { status } of this.data.systemStatus.services ?? []) for (const diagnostic of status?.diagnostics ?? []) warnings.push(`${status.service}: ${diagnostic.found}\n${diagnostic.remedy}`);
     const isRecording = this.data.recording.length > 0;
     this.unit.hidden = isRecording;
     this.calibration.draw();

@@ -81,7 +81,7 @@ fn services(text: &mut Exposition, all: &[ServiceReport]) {
     text.counter("plumbline_service_ticks_total", "Ticks published by the service.", samples);
     let samples = with_ticks().map(|(name, (_, status))| (name, status.lost as f64));
     text.counter("plumbline_service_lost_ticks_total", "Ticks that the service did not receive.", samples);
-    let samples = with_ticks().map(|(name, (_, status))| (name, status.troubles.len() as f64));
+    let samples = with_ticks().map(|(name, (_, status))| (name, status.diagnostics.len() as f64));
     text.gauge("plumbline_service_diagnostics", "Active diagnostics of the service's inputs.", samples);
     let samples = labelled().filter_map(|(name, (one, _))| Some((name, one.rate_hz?)));
     text.gauge("plumbline_service_rate_hertz", "Rate of published ticks.", samples);

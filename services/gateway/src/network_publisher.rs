@@ -138,7 +138,7 @@ impl NetworkPublisher {
 
     fn send_report(&mut self) {
         let (queued, queue_max) = self.shared.queue.depth();
-        let [swaps_asked, swaps_answered_here] = self.shared.swaps.counts();
+        let [swaps_requested, swaps_answered_locally] = self.shared.swaps.counts();
         let topic = |(topic, channel): (&Topic, &Option<KeyChannel>)| {
             let KeyChannel { messages, samples, decimated, dropped, .. } = *channel.as_ref()?;
             Some(TopicReport { topic: topic.name().into(), messages, samples, decimated, dropped })
@@ -148,9 +148,9 @@ impl NetworkPublisher {
             queued: queued as u32,
             queue_max: queue_max as u32,
             refused: Some(*locked(&self.shared.decode_errors)),
-            swaps_asked,
-            swaps_answered_here,
-            questions_turned_away: self.shared.rejected_queries.load(Ordering::Relaxed),
+            swaps_requested,
+            swaps_answered_locally,
+            queries_rejected: self.shared.rejected_queries.load(Ordering::Relaxed),
             topics: Topic::ALL.iter().zip(&self.channels).filter_map(topic).collect(),
         };
         self.report.send(report.to_bytes(), 1, &self.last);

@@ -612,15 +612,15 @@ pub enum EventKind {
     Ended = 4,
     Restarted = 5,
     GivenUp = 6,
-    SwapAsked = 7,
-    ShadowAsked = 8,
+    SwapRequested = 7,
+    ShadowRequested = 8,
     Candidate = 9,
     Owner = 10,
     Swapped = 11,
     Refused = 12,
     Aborted = 13,
     Lost = 14,
-    NotTaken = 15,
+    NotRecorded = 15,
     BusRenewed = 16,
     Ending = 17,
     Finished = 18,
@@ -639,15 +639,15 @@ impl EventKind {
             Self::Ended => "EVENT_KIND_ENDED",
             Self::Restarted => "EVENT_KIND_RESTARTED",
             Self::GivenUp => "EVENT_KIND_GIVEN_UP",
-            Self::SwapAsked => "EVENT_KIND_SWAP_ASKED",
-            Self::ShadowAsked => "EVENT_KIND_SHADOW_ASKED",
+            Self::SwapRequested => "EVENT_KIND_SWAP_REQUESTED",
+            Self::ShadowRequested => "EVENT_KIND_SHADOW_REQUESTED",
             Self::Candidate => "EVENT_KIND_CANDIDATE",
             Self::Owner => "EVENT_KIND_OWNER",
             Self::Swapped => "EVENT_KIND_SWAPPED",
             Self::Refused => "EVENT_KIND_REFUSED",
             Self::Aborted => "EVENT_KIND_ABORTED",
             Self::Lost => "EVENT_KIND_LOST",
-            Self::NotTaken => "EVENT_KIND_NOT_TAKEN",
+            Self::NotRecorded => "EVENT_KIND_NOT_RECORDED",
             Self::BusRenewed => "EVENT_KIND_BUS_RENEWED",
             Self::Ending => "EVENT_KIND_ENDING",
             Self::Finished => "EVENT_KIND_FINISHED",
@@ -663,15 +663,15 @@ impl EventKind {
             "EVENT_KIND_ENDED" => Some(Self::Ended),
             "EVENT_KIND_RESTARTED" => Some(Self::Restarted),
             "EVENT_KIND_GIVEN_UP" => Some(Self::GivenUp),
-            "EVENT_KIND_SWAP_ASKED" => Some(Self::SwapAsked),
-            "EVENT_KIND_SHADOW_ASKED" => Some(Self::ShadowAsked),
+            "EVENT_KIND_SWAP_REQUESTED" => Some(Self::SwapRequested),
+            "EVENT_KIND_SHADOW_REQUESTED" => Some(Self::ShadowRequested),
             "EVENT_KIND_CANDIDATE" => Some(Self::Candidate),
             "EVENT_KIND_OWNER" => Some(Self::Owner),
             "EVENT_KIND_SWAPPED" => Some(Self::Swapped),
             "EVENT_KIND_REFUSED" => Some(Self::Refused),
             "EVENT_KIND_ABORTED" => Some(Self::Aborted),
             "EVENT_KIND_LOST" => Some(Self::Lost),
-            "EVENT_KIND_NOT_TAKEN" => Some(Self::NotTaken),
+            "EVENT_KIND_NOT_RECORDED" => Some(Self::NotRecorded),
             "EVENT_KIND_BUS_RENEWED" => Some(Self::BusRenewed),
             "EVENT_KIND_ENDING" => Some(Self::Ending),
             "EVENT_KIND_FINISHED" => Some(Self::Finished),
@@ -707,15 +707,15 @@ pub struct GatewayReport {
     #[prost(uint32, tag = "3")]
     pub queue_max: u32,
     #[prost(message, optional, tag = "4")]
-    pub refused: ::core::option::Option<Refusals>,
+    pub refused: ::core::option::Option<Rejections>,
     #[prost(uint64, tag = "5")]
-    pub swaps_asked: u64,
+    pub swaps_requested: u64,
     #[prost(uint64, tag = "6")]
-    pub swaps_answered_here: u64,
+    pub swaps_answered_locally: u64,
     #[prost(message, repeated, tag = "7")]
     pub topics: ::prost::alloc::vec::Vec<TopicReport>,
     #[prost(uint64, tag = "8")]
-    pub questions_turned_away: u64,
+    pub queries_rejected: u64,
 }
 #[derive(Clone, PartialEq, Eq, Hash, ::prost::Message)]
 pub struct TopicReport {
@@ -731,7 +731,7 @@ pub struct TopicReport {
     pub dropped: u64,
 }
 #[derive(Clone, Copy, PartialEq, Eq, Hash, ::prost::Message)]
-pub struct Refusals {
+pub struct Rejections {
     #[prost(uint64, tag = "1")]
     pub too_large: u64,
     #[prost(uint64, tag = "2")]
@@ -892,12 +892,12 @@ pub struct ServiceStatus {
     #[prost(uint64, tag = "9")]
     pub lost: u64,
     #[prost(string, tag = "10")]
-    pub at: ::prost::alloc::string::String,
+    pub address: ::prost::alloc::string::String,
     #[prost(message, repeated, tag = "11")]
-    pub troubles: ::prost::alloc::vec::Vec<Trouble>,
+    pub diagnostics: ::prost::alloc::vec::Vec<Diagnostic>,
 }
 #[derive(Clone, PartialEq, Eq, Hash, ::prost::Message)]
-pub struct Trouble {
+pub struct Diagnostic {
     #[prost(string, tag = "1")]
     pub kind: ::prost::alloc::string::String,
     #[prost(string, tag = "2")]
