@@ -31,6 +31,7 @@ impl Observer {
         // Frees the ports of killed observers. An error is ignored, because the supervisor also
         // frees these ports and retries.
         let _ = system_name.remove_dead_nodes();
+        system_name.remove_incomplete_connections();
         let node = topic::create_node(system_name, process_name)?;
         drop(run_lock);
         Ok(Self { session: Rc::new(session), node: Some(node), _lock: lock })

@@ -192,16 +192,31 @@ impl SystemName {
         named.map(|entry| entry.path()).chain(folder).collect()
     }
 
+    /// Removes the empty connections of killed processes. No other port uses them.
+    ///
+    /// A process that creates a connection keeps it open until the connection has a size.
+    pub(crate) fn remove_incomplete_connections(&self) {
+        let is_empty = |path: &&PathBuf| {
+            path.extension().is_some_and(|kind| kind == "connection")
+                && fs::symlink_metadata(path).is_ok_and(|connection| connection.len() == 0)
+        };
+        for path in self.files().iter().filter(is_empty) {
+            // The creator may have set the size and closed the file in the meantime.
+            if pids_with_open(path).is_empty() && is_empty(&path) {
+                // An error is ignored: the file is then reported as an incomplete segment.
+                let _ = fs::remove_file(path);
+            }
+        }
+    }
+
     /// Returns a segment without a size, if there is one.
     ///
     /// The creator of the segment was killed before it set the size. Opening such a segment would
-    /// block forever. A connection is removed instead, because no other port uses that of a killed
-    /// process.
+    /// block forever.
     pub(crate) fn incomplete_segment(&self) -> Option<PathBuf> {
-        let has_kind = |path: &Path, kind: &str| path.extension().is_some_and(|extension| extension == kind);
         let is_empty = |path: &PathBuf| {
-            ["dynamic", "connection", "data"].into_iter().any(|kind| has_kind(path, kind))
-                && fs::symlink_metadata(path).is_ok_and(|segment| segment.len() == 0)
+            let made = path.extension().is_some_and(|kind| kind == "dynamic" || kind == "connection" || kind == "data");
+            made && fs::symlink_metadata(path).is_ok_and(|segment| segment.len() == 0)
         };
         let mut suspects: Vec<_> = self.files().into_iter().filter(is_empty).collect();
         let deadline = Instant::now() + OWNER_START_TIMEOUT;
@@ -210,10 +225,6 @@ impl SystemName {
             std::thread::sleep(POLL_INTERVAL);
             suspects.retain(is_empty);
         }
-        suspects.retain(|path| {
-            let is_unused = has_kind(path, "connection") && pids_with_open(path).is_empty();
-            !(is_unused && fs::remove_file(path).is_ok())
-        });
         suspects.pop()
     }
 }

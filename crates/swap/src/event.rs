@@ -135,6 +135,9 @@ pub enum Event {
 }
 
 /// Progress of a service when it reported its health.
+///
+/// Unlike [`OwnershipStatus::next_tick`], which may include newer ticks, both values are from the
+/// same report.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct Progress {
     /// Next tick to compute.

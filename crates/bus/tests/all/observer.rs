@@ -131,14 +131,14 @@ fn incomplete_segment_is_reported_without_blocking() {
 fn incomplete_connection_is_removed_once_unused() {
     let System { bus, system_name, claim: _claim } = &system();
     let _publisher = bus.publisher::<ImuSample>(BUFFER).unwrap();
-    let observer = Observer::attach(system_name, "test").unwrap();
+    let tap = || Observer::attach(system_name, "test").unwrap().tap(Topic::Imu).map(drop);
     let path = PathBuf::from(format!("/dev/shm/plumbline.{}.0_1_2.connection", system_name.name()));
     fs::write(&path, "").unwrap();
     let mut creator = Command::new("sleep").arg("60").stdin(fs::File::open(&path).unwrap()).spawn().unwrap();
-    assert!(matches!(observer.tap(Topic::Imu).unwrap_err(), BusError::IncompleteSegment { .. }), "in use");
+    assert!(matches!(tap().unwrap_err(), BusError::IncompleteSegment { .. }), "in use");
     creator.kill().unwrap();
     creator.wait().unwrap();
-    observer.tap(Topic::Imu).unwrap();
+    tap().unwrap();
     assert!(!path.exists());
 }
 
