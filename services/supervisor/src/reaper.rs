@@ -21,7 +21,7 @@ use crate::error::UpError;
 const CLEANUP_DELAY: Duration = Duration::from_millis(50);
 /// Interval between periodic removals. They are needed because the exit of some processes, such as
 /// observers, causes no notification.
-const CLEANUP_INTERVAL: Duration = Duration::from_secs(1);
+const CLEANUP_INTERVAL: Duration = Duration::from_secs(5);
 /// Time limit for the thread to end at shutdown.
 const SHUTDOWN_TIMEOUT: Duration = Duration::from_millis(200);
 
