@@ -7,8 +7,8 @@
 //! Time: the duration of constant or invalid values is the sum of the intervals that the caller
 //! passes.
 
+use super::transform::SensorTransform;
 use crate::{
-    calibration::Calibration,
     flags::Flags,
     gnss::{Fix, MAX_SPEED_M_S, ReceiverFix},
     magnetometer::RepeatFilter,
@@ -21,6 +21,7 @@ const SANITY_FACTOR: f64 = 10.0;
 const MAX_ALTITUDE_M: f64 = 1e6;
 
 /// Returns the fix without implausible values, or `None` with a flag if its velocity is invalid.
+#[inline]
 pub(super) fn check_fix(fix: Option<ReceiverFix>) -> (Option<ReceiverFix>, Flags) {
     let Some(ReceiverFix { fix, longitude_rad, altitude_m }) = fix else { return (None, Flags::NONE) };
     // The comparison also rejects NaN.
@@ -54,27 +55,19 @@ impl FieldChannel {
     /// Returns the magnetic field if it is a new valid sample, and its flags.
     ///
     /// The field is in the units of the sensor.
-    pub(super) fn check(&mut self, field_ut: Option<[f64; 3]>, calibration: &Calibration) -> (Option<[f64; 3]>, Flags) {
+    #[inline]
+    pub(super) fn check(
+        &mut self,
+        field_ut: Option<[f64; 3]>,
+        transform: &SensorTransform,
+    ) -> (Option<[f64; 3]>, Flags) {
         let Some(field_ut) = field_ut else { return (None, Flags::NONE) };
-        if !in_range_units(field_ut, calibration).iter().all(|x| x.abs() < self.limit_ut) {
+        if !transform.in_range_units(field_ut).iter().all(|x| x.abs() < self.limit_ut) {
             return (None, Flags::FIELD_INVALID);
         }
         let sample_ut = self.repeat_filter.new_sample(Some(field_ut.into()));
         (sample_ut.map(Into::into), Flags::FIELD.when(sample_ut.is_some()))
     }
-}
-
-/// Range of the factors for which a calibration is assumed not to change the unit of the reading.
-const SAME_UNIT_FACTORS: core::ops::RangeInclusive<f64> = 0.5..=2.0;
-
-/// Returns a value in the units of the sensor's range.
-///
-/// If the calibration converts the unit, for example from raw counts, the range applies to the
-/// calibrated value. Otherwise the range applies to the value itself, since a sensor clips before
-/// its calibration.
-fn in_range_units(value: [f64; 3], calibration: &Calibration) -> [f64; 3] {
-    let is_same_unit = calibration.row_lengths().iter().all(|factor| SAME_UNIT_FACTORS.contains(factor));
-    if is_same_unit { value } else { calibration.apply(value.into()).into() }
 }
 
 /// Channel of one vector: rate or force.
@@ -93,8 +86,9 @@ pub(super) struct VectorChannel {
 impl VectorChannel {
     /// Returns the value to use, in the units of the sensor, and its flags. An invalid value is
     /// replaced by the last valid one.
-    pub(super) fn check(&mut self, value: [f64; 3], calibration: &Calibration, dt_ns: i64) -> ([f64; 3], Flags) {
-        let calibrated = in_range_units(value, calibration);
+    #[inline]
+    pub(super) fn check(&mut self, value: [f64; 3], transform: &SensorTransform, dt_ns: i64) -> ([f64; 3], Flags) {
+        let calibrated = transform.in_range_units(value);
         if !calibrated.iter().all(|x| x.abs() < self.limit * SANITY_FACTOR) {
             self.invalid_ns = self.invalid_ns.saturating_add(dt_ns);
             return (self.last_valid, self.invalid);

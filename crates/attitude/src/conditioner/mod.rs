@@ -27,6 +27,7 @@
 
 mod channel;
 mod reading;
+mod transform;
 
 pub use reading::{Reading, Sample};
 
@@ -38,7 +39,10 @@ use crate::{
     parameters::settings,
     state_words::StateWords,
 };
-use channel::{FieldChannel, VectorChannel, check_fix};
+use {
+    channel::{FieldChannel, VectorChannel, check_fix},
+    transform::SensorTransform,
+};
 
 /// Longest step between timestamps that counts as a gap, ns. A longer step is a leap of the clock.
 const MAX_GAP_NS: i64 = 10_000_000_000;
@@ -110,7 +114,8 @@ pub struct Conditioner {
     field: FieldChannel,
     /// Fix to pass on with the next sample, because its own reading was rejected.
     pending_fix: Option<ReceiverFix>,
-    transform: BodyTransform,
+    mounting: Mounting,
+    transforms: BodyTransforms,
     gap_ns: i64,
     rate_kind_flag: Flags,
     tick: u64,
@@ -128,17 +133,12 @@ pub struct Conditioner {
     is_resumed: bool,
 }
 
-/// Transform from sensor axes to body axes.
+/// Transforms from sensor axes to body axes.
 #[derive(Debug, Clone)]
-struct BodyTransform {
-    mounting: Mounting,
-    gyro: Calibration,
-    accel: Calibration,
-    mag: Calibration,
-}
-
-fn to_body(mounting: &Mounting, calibration: &Calibration, raw: [f64; 3]) -> [f64; 3] {
-    mounting.apply(calibration.apply(raw.into())).into()
+struct BodyTransforms {
+    gyro: SensorTransform,
+    accel: SensorTransform,
+    mag: SensorTransform,
 }
 
 /// Newest accepted reading, and the end of its sample.
@@ -175,7 +175,12 @@ impl Conditioner {
             },
             field: FieldChannel::new(limits.field_max_ut),
             pending_fix: None,
-            transform: BodyTransform { mounting, gyro, accel, mag },
+            mounting,
+            transforms: BodyTransforms {
+                gyro: SensorTransform::new(gyro, mounting),
+                accel: SensorTransform::new(accel, mounting),
+                mag: SensorTransform::new(mag, mounting),
+            },
             gap_ns,
             rate_kind_flag: Flags::RATE_INSTANT.when(rate_kind == RateKind::Instant),
             tick: 0,
@@ -190,22 +195,25 @@ impl Conditioner {
     }
 
     /// Returns the sample of a reading, or `None` if the reading is rejected.
+    #[inline]
     pub fn condition(&mut self, reading: &Reading) -> Option<Sample> {
-        self.pending_fix = reading.fix.or(self.pending_fix);
+        if reading.fix.is_some() {
+            self.pending_fix = reading.fix;
+        }
         let Some((t_start_ns, t_end_ns, time_flags)) = self.assign_interval(reading) else {
             self.rejected += 1;
             self.rejected_before = true;
             return None;
         };
         let dt_ns = t_end_ns - t_start_ns;
-        let BodyTransform { mounting, gyro, accel, mag } = &self.transform;
+        let BodyTransforms { gyro, accel, mag } = &self.transforms;
         let (rate_rad_s, rate_flags) = self.rate.check(reading.rate_rad_s, gyro, dt_ns);
         let (force_m_s2, force_flags) = self.force.check(reading.force_m_s2, accel, dt_ns);
         let is_rate_lost = self.rate.invalid_ns > self.gap_ns;
-        let rate_rad_s = if is_rate_lost { [0.0; 3] } else { to_body(mounting, gyro, rate_rad_s) };
-        let force_m_s2 = to_body(mounting, accel, force_m_s2);
+        let rate_rad_s = if is_rate_lost { [0.0; 3] } else { gyro.to_body(rate_rad_s) };
+        let force_m_s2 = accel.to_body(force_m_s2);
         let (field_ut, field_flags) = self.field.check(reading.field_ut, mag);
-        let field_ut = field_ut.map(|field_ut| to_body(mounting, mag, field_ut));
+        let field_ut = field_ut.map(|field_ut| mag.to_body(field_ut));
         let (fix, fix_flags) = check_fix(self.pending_fix.take());
         let rejected = Flags::REFUSED_BEFORE.when(core::mem::take(&mut self.rejected_before));
         let value_flags = rate_flags | force_flags | field_flags | fix_flags;
@@ -225,7 +233,7 @@ impl Conditioner {
 
     /// Returns the orientation of the sensors in the body.
     pub fn mounting(&self) -> &Mounting {
-        &self.transform.mounting
+        &self.mounting
     }
 
     /// Returns the sample time minus the sensor time, ns.
@@ -245,6 +253,7 @@ impl Conditioner {
 
     /// Returns the start, the end and the time flags of a reading's interval, or `None` if the
     /// reading is rejected.
+    #[inline]
     fn assign_interval(&mut self, reading: &Reading) -> Option<(i64, i64, Flags)> {
         let Some(last) = self.last else {
             if self.is_resumed {
@@ -317,7 +326,8 @@ impl StateWords for Conditioner {
             force,
             field,
             pending_fix,
-            transform: _,
+            mounting: _,
+            transforms: _,
             gap_ns: _,
             rate_kind_flag: _,
             tick,

@@ -25,6 +25,7 @@ impl Reading {
     ///
     /// This is necessary because protobuf omits the sign of zero, and a flight replay must process
     /// the same bits.
+    #[inline]
     pub fn without_negative_zero(&self) -> Self {
         let Self { t_ns, rate_rad_s, force_m_s2, field_ut, fix } = *self;
         let vector = |values: [f64; 3]| values.map(|value| value + 0.0);
