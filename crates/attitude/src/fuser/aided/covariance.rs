@@ -6,7 +6,7 @@
 //! dv' = −[f ×] φ − R ds and φ' = −R db, with the specific force f in reference axes and R body →
 //! reference.
 
-use nalgebra::{SMatrix, SVector};
+use nalgebra::SVector;
 
 use crate::{Matrix3, Vector3, scalars::Scalars};
 
@@ -32,9 +32,14 @@ pub(super) const COUNT: usize = 13;
 
 pub(super) type ErrorState = SVector<f64, COUNT>;
 
-/// Covariance of the error state.
+type Row = [f64; COUNT];
+
+/// Covariance of the error state. It is symmetric, and both halves are stored.
+///
+/// Plain arrays are used because the compiler vectorises the loops over a row, but not those over a
+/// view of a nalgebra matrix.
 #[derive(Debug, Clone, PartialEq)]
-pub(super) struct Covariance(SMatrix<f64, COUNT, COUNT>);
+pub(super) struct Covariance([Row; COUNT]);
 
 /// Motion over one propagation interval.
 #[derive(Debug, Clone, Copy)]
@@ -65,11 +70,13 @@ pub(super) struct Measurement<'a> {
 
 impl Covariance {
     pub(super) fn from_variances(variances: ErrorState) -> Self {
-        Self(SMatrix::from_diagonal(&variances))
+        let mut rows = [[0.0; COUNT]; COUNT];
+        rows.iter_mut().zip(variances.iter()).enumerate().for_each(|(i, (row, variance))| row[i] = *variance);
+        Self(rows)
     }
 
     pub(super) fn variance(&self, index: usize) -> f64 {
-        self.0[(index, index)]
+        self.0[index][index]
     }
 
     /// Propagates P ← F P Fᵀ + Q.
@@ -80,30 +87,42 @@ impl Covariance {
             tilt_coupling.column_mut(2).fill(0.0);
         }
         let bias_coupling = to_reference * -*dt_s;
+        let p = &mut self.0;
         // F P changes the rows. The velocity rows are updated before the rotation rows, because
         // they depend on the old values of the rotation rows.
-        let velocity = tilt_coupling * self.0.fixed_rows::<3>(ROTATION) + bias_coupling * self.0.fixed_rows::<3>(ACCEL);
-        let rotation = bias_coupling * self.0.fixed_rows::<3>(GYRO);
-        let mut rows = self.0.fixed_rows_mut::<3>(VELOCITY);
-        rows += velocity;
-        let mut rows = self.0.fixed_rows_mut::<3>(ROTATION);
-        rows += rotation;
+        for i in 0..3 {
+            let by_tilt = weighted_sum(&tilt_coupling, i, &p[ROTATION..GYRO]);
+            let by_bias = weighted_sum(&bias_coupling, i, &p[ACCEL..LATENCY]);
+            for j in 0..COUNT {
+                p[VELOCITY + i][j] += by_tilt[j] + by_bias[j];
+            }
+        }
+        for i in 0..3 {
+            let by_bias = weighted_sum(&bias_coupling, i, &p[GYRO..ACCEL]);
+            for j in 0..COUNT {
+                p[ROTATION + i][j] += by_bias[j];
+            }
+        }
         // (F P) Fᵀ changes the columns. The columns of the biases stay the same, so only the block
         // of velocity and rotation remains to be updated.
-        let velocity = self.0.fixed_view::<6, 3>(0, ROTATION) * tilt_coupling.transpose()
-            + self.0.fixed_view::<6, 3>(0, ACCEL) * bias_coupling.transpose();
-        let rotation = self.0.fixed_view::<6, 3>(0, GYRO) * bias_coupling.transpose();
-        let mut columns = self.0.fixed_view_mut::<6, 3>(0, VELOCITY);
-        columns += velocity;
-        let mut columns = self.0.fixed_view_mut::<6, 3>(0, ROTATION);
-        columns += rotation;
+        let product = |row: &Row, first: usize, coupling: &Matrix3<f64>, j: usize| {
+            row[first] * coupling[(j, 0)] + row[first + 1] * coupling[(j, 1)] + row[first + 2] * coupling[(j, 2)]
+        };
+        for row in &mut p[..GYRO] {
+            let old = *row;
+            for j in 0..3 {
+                row[VELOCITY + j] +=
+                    product(&old, ROTATION, &tilt_coupling, j) + product(&old, ACCEL, &bias_coupling, j);
+                row[ROTATION + j] += product(&old, GYRO, &bias_coupling, j);
+            }
+        }
         for i in 0..COUNT {
-            self.0[(i, i)] += noise[i];
+            p[i][i] += noise[i];
             for j in 0..i.min(GYRO) {
-                let above = self.0[(j, i)];
-                let mean = if i < GYRO { 0.5 * (self.0[(i, j)] + above) } else { above };
-                self.0[(i, j)] = mean;
-                self.0[(j, i)] = mean;
+                let above = p[j][i];
+                let mean = if i < GYRO { 0.5 * (p[i][j] + above) } else { above };
+                p[i][j] = mean;
+                p[j][i] = mean;
             }
         }
     }
@@ -118,9 +137,9 @@ impl Covariance {
     /// for every gain, including one that is zero for considered states.
     pub(super) fn update(&mut self, error: &mut ErrorState, limit: f64, measurement: &Measurement<'_>) -> f64 {
         let Measurement { residual, row, variance, considered } = *measurement;
-        let mut p_h = ErrorState::zeros();
+        let mut p_h = [0.0; COUNT];
         for (index, weight) in row {
-            p_h.axpy(*weight, &self.0.column(*index), 1.0);
+            p_h.iter_mut().zip(&self.0[*index]).for_each(|(sum, part)| *sum += weight * part);
         }
         let innovation = row.iter().fold(residual, |remainder, (index, weight)| remainder - weight * error[*index]);
         let mut innovation_variance = row.iter().fold(variance, |sum, (index, weight)| sum + weight * p_h[*index]);
@@ -132,16 +151,15 @@ impl Covariance {
         if !(innovation_variance > 0.0 && innovation_variance.is_finite()) {
             return 0.0;
         }
-        let mut gain = p_h / innovation_variance;
+        let mut gain = p_h.map(|part| part / innovation_variance);
         for index in considered {
             gain[*index] = 0.0;
         }
-        *error += gain * innovation;
-        for j in 0..COUNT {
-            for i in 0..=j {
-                let reduction = gain[i] * p_h[j] + p_h[i] * gain[j] - gain[i] * gain[j] * innovation_variance;
-                self.0[(i, j)] -= reduction;
-                self.0[(j, i)] = self.0[(i, j)];
+        error.iter_mut().zip(gain).for_each(|(error, gain)| *error += gain * innovation);
+        for i in 0..COUNT {
+            let row = &mut self.0[i];
+            for j in 0..COUNT {
+                row[j] -= gain[i] * p_h[j] + p_h[i] * gain[j] - gain[i] * gain[j] * innovation_variance;
             }
         }
         normalised
@@ -149,9 +167,9 @@ impl Covariance {
 
     /// Sets the variance of a state and removes its correlations.
     pub(super) fn reset(&mut self, index: usize, variance: f64) {
-        self.0.row_mut(index).fill(0.0);
-        self.0.column_mut(index).fill(0.0);
-        self.0[(index, index)] = variance;
+        self.0[index] = [0.0; COUNT];
+        self.0.iter_mut().for_each(|row| row[index] = 0.0);
+        self.0[index][index] = variance;
     }
 
     /// Limits the variances. Correlations are kept.
@@ -160,8 +178,8 @@ impl Covariance {
             let variance = self.variance(i);
             if variance > *limit {
                 let scale = libm::sqrt(limit / variance);
-                self.0.row_mut(i).scale_mut(scale);
-                self.0.column_mut(i).scale_mut(scale);
+                self.0[i].iter_mut().for_each(|part| *part *= scale);
+                self.0.iter_mut().for_each(|row| row[i] *= scale);
             }
         }
     }
@@ -173,20 +191,20 @@ impl Covariance {
         if (0..COUNT).any(|i| !(0.0..1e12).contains(&self.variance(i))) {
             return Some("a variance below zero");
         }
-        if (0..COUNT).any(|i| (0..i).any(|j| self.0[(i, j)] != self.0[(j, i)])) {
+        if (0..COUNT).any(|i| (0..i).any(|j| self.0[i][j] != self.0[j][i])) {
             return Some("a covariance that is not symmetric");
         }
         let mut remainder = self.0;
         for k in 0..COUNT {
-            let pivot = remainder[(k, k)];
+            let pivot = remainder[k][k];
             let rounding = 1e-9 * self.variance(k);
             if pivot < -rounding {
                 return Some("a covariance that is not positive");
             }
             for i in k + 1..COUNT {
-                let factor = if pivot > rounding { remainder[(i, k)] / pivot } else { 0.0 };
+                let factor = if pivot > rounding { remainder[i][k] / pivot } else { 0.0 };
                 for j in k + 1..COUNT {
-                    remainder[(i, j)] -= factor * remainder[(k, j)];
+                    remainder[i][j] -= factor * remainder[k][j];
                 }
             }
         }
@@ -196,6 +214,13 @@ impl Covariance {
 
 impl Scalars for Covariance {
     fn visit(&mut self, visit: &mut dyn FnMut(&mut f64)) {
-        self.0.iter_mut().for_each(visit);
+        self.0.as_flattened_mut().iter_mut().for_each(visit);
     }
+}
+
+/// Returns the product of row `i` of a matrix with three rows of a covariance.
+#[inline]
+fn weighted_sum(matrix: &Matrix3<f64>, i: usize, rows: &[Row]) -> Row {
+    let [a, b, c] = [matrix[(i, 0)], matrix[(i, 1)], matrix[(i, 2)]];
+    core::array::from_fn(|j| a * rows[0][j] + b * rows[1][j] + c * rows[2][j])
 }

@@ -28,13 +28,13 @@ pub struct Aided {
     /// rad.
     pub(super) pending_rad: Vector3<f64>,
     pub(super) started: bool,
-    pub(super) reference: CourseReference,
+    pub(in crate::fuser) reference: CourseReference,
     /// Set if the heading refers to north. A heading error affects the velocity only in this case.
     pub(super) course_known: bool,
     pub(super) velocity_m_s: Vector3<f64>,
     /// Velocity of the antenna relative to the sensors, R (ω × r), in reference axes, m/s.
     pub(super) antenna_velocity_m_s: Vector3<f64>,
-    pub(super) gyro_bias_rad_s: Vector3<f64>,
+    pub(in crate::fuser) gyro_bias_rad_s: Vector3<f64>,
     pub(super) accel_bias_m_s2: Vector3<f64>,
     pub(super) latency_s: f64,
     pub(super) covariance: Covariance,

@@ -26,15 +26,21 @@ use crate::{
 
 impl Aided {
     pub(in crate::fuser) fn fuse(&mut self, input: &FuserInput) -> Fused {
+        let corrections = self.advance(input);
+        self.output(input, corrections)
+    }
+
+    /// Processes a tick and returns the corrections that were applied.
+    pub(in crate::fuser) fn advance(&mut self, input: &FuserInput) -> Corrections {
         let mut corrections = Corrections::default();
-        let dt_s = input.motion.map_or(0.0, |motion| motion.dt_s);
+        let dt_s = input.motion.as_ref().map_or(0.0, |motion| motion.dt_s);
         if let (false, Some(inclination)) = (self.started, &input.inclination) {
             self.attitude = self.attitude.realigned(inclination.up).attitude;
             self.started = true;
             corrections.aligned = true;
         }
         let force_m_s2 =
-            input.inclination.map(|inclination| inclination.force_m_s2).filter(strapdown::is_plausible_force);
+            input.inclination.as_ref().map(|inclination| inclination.force_m_s2).filter(strapdown::is_plausible_force);
         self.handed_over.observe(input);
         if let Some(motion) = &input.motion {
             corrections.aligned |= self.propagate(motion, force_m_s2);
@@ -53,6 +59,11 @@ impl Aided {
                 self.update_magnetic_heading(*field_ut, &mut corrections);
             }
         }
+        corrections
+    }
+
+    /// Returns the output after [`advance`](Self::advance) with the same input.
+    pub(in crate::fuser) fn output(&self, input: &FuserInput, corrections: Corrections) -> Fused {
         Fused {
             attitude: self.attitude,
             rate_rad_s: input.motion.map_or(Vector3::zeros(), |motion| motion.rate_rad_s - self.gyro_bias_rad_s),

@@ -38,6 +38,7 @@ use crate::{
     parameters::{Parameter, ParameterError, Parameters},
     scalars::{Scalars, visit_fields},
     stage::{RestoreError, Stage},
+    state::Attitude,
 };
 use {transition::Transition, turn_detector::TurnDetector};
 
@@ -141,23 +142,43 @@ impl MultipleModel {
     }
 
     fn fuse(&mut self, input: &FuserInput) -> Fused {
-        let (wz, aided) = (self.wz.fuse(input), self.aided.fuse(input));
-        let dt_s = input.motion.map_or(0.0, |motion| motion.dt_s);
-        let has_velocity = aided.corrections.velocity && aided.reference == CourseReference::True;
-        if self.turns.update(input, aided.bias_rad_s) || has_velocity {
+        let (wz, aided_corrections) = (self.wz.fuse(input), self.aided.advance(input));
+        let dt_s = input.motion.as_ref().map_or(0.0, |motion| motion.dt_s);
+        let has_velocity = aided_corrections.velocity && self.aided.reference == CourseReference::True;
+        if self.turns.update(input, self.aided.gyro_bias_rad_s) || has_velocity {
             self.since_ground_motion_s = 0.0;
         } else {
             self.since_ground_motion_s = (self.since_ground_motion_s + dt_s).min(GROUND_MOTION_HOLD_S);
         }
-        let (previous, selection) = (self.selection, self.select(wz.reference, aided.reference));
+        let (previous, selection) = (self.selection, self.select(wz.reference, self.aided.reference));
         self.selection = selection;
-        let Selected { level, heading } = selection.pick(wz, aided);
-        let mut aligned = level.corrections.aligned;
-        if previous.level != selection.level {
-            aligned |= self.transition.start(previous.pick(wz, aided).level.attitude, level.attitude);
+        // The output of `aided` is computed only if it is used.
+        if ![previous.level, selection.level, selection.heading].contains(&Model::Aided) {
+            return self.combine(&wz, &wz, None, wz.corrections.aligned, dt_s);
         }
+        let aided = self.aided.output(input, aided_corrections);
+        let Selected { level, heading } = selection.pick(&wz, &aided);
+        let has_switched = previous.level != selection.level;
+        let jumps = has_switched && self.transition.start(previous.pick(&wz, &aided).level.attitude, level.attitude);
+        let other = (selection.level != selection.heading).then_some(heading.attitude);
+        self.combine(level, heading, other, level.corrections.aligned || jumps, dt_s)
+    }
+
+    /// Returns the output from those of the stages that provide level and heading.
+    ///
+    /// `other` is the attitude of the stage that provides the heading, if another stage provides
+    /// the level. `has_jumped` is `true` if the level jumps.
+    #[inline(always)]
+    fn combine(
+        &mut self,
+        level: &Fused,
+        heading: &Fused,
+        other: Option<Attitude>,
+        has_jumped: bool,
+        dt_s: f64,
+    ) -> Fused {
+        let mut aligned = has_jumped;
         if heading.reference != CourseReference::Arbitrary {
-            let other = (selection.level != selection.heading).then_some(heading.attitude);
             aligned |= self.transition.follow_heading(level.attitude, other, dt_s);
         }
         self.transition.decay_tilt(dt_s);
@@ -172,7 +193,7 @@ impl MultipleModel {
                 aligned,
                 ..level.corrections
             },
-            ..level
+            ..*level
         }
     }
 }

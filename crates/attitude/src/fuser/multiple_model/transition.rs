@@ -34,6 +34,7 @@ pub(super) struct Transition {
 }
 
 impl Transition {
+    #[inline]
     pub(super) fn attitude(&self, level: Attitude) -> Attitude {
         let rotated = Attitude { z_rad: wrapped_rad(level.z_rad + self.heading_rad), ..level };
         if self.tilt_rad.norm_sqr() == 0.0 {
@@ -68,7 +69,11 @@ impl Transition {
     ///
     /// If `heading` is `None`, the output heading moves towards that of the level stage. Returns
     /// `true` if the heading jumps because the difference is too large.
+    #[inline]
     pub(super) fn follow_heading(&mut self, level: Attitude, heading: Option<Attitude>, dt_s: f64) -> bool {
+        if heading.is_none() && self.heading_rad == 0.0 {
+            return false;
+        }
         let target_rad =
             heading.map_or(0.0, |heading| about_vertical_rad(heading.quaternion() * level.quaternion().conjugate()));
         let remaining_rad = wrapped_rad(target_rad - self.heading_rad);
@@ -80,7 +85,11 @@ impl Transition {
     }
 
     /// Removes a part of the remaining tilt in one tick.
+    #[inline]
     pub(super) fn decay_tilt(&mut self, dt_s: f64) {
+        if self.tilt_rad.norm_sqr() == 0.0 {
+            return;
+        }
         self.tilt_rad -= self.tilt_rad * blend_gain(self.tilt_rad.norm_sqr(), dt_s);
     }
 

@@ -170,20 +170,20 @@ impl TurnDetector {
     /// Processes a tick. `bias_rad_s` is the bias of the gyro. Returns `true` once a turn has
     /// lasted long enough.
     pub(super) fn update(&mut self, input: &FuserInput, bias_rad_s: Vector3<f64>) -> bool {
-        let Some(motion) = input.motion.filter(|motion| motion.rate_rad_s.amax() < MAX_RATE_RAD_S) else {
+        let Some(motion) = input.motion.as_ref().filter(|motion| motion.rate_rad_s.amax() < MAX_RATE_RAD_S) else {
             return false;
         };
         if motion.dt_s > MAX_INTERVAL_S {
             *self = Self { line: self.line.clone(), ..Self::default() };
             return false;
         }
-        let force = input.inclination.filter(|inclination| inclination.norm_m_s2 < MAX_FORCE_M_S2);
+        let force = input.inclination.as_ref().filter(|inclination| inclination.norm_m_s2 < MAX_FORCE_M_S2);
         let (Some(inclination), true) = (force, input.rate_credible) else {
             self.turn_s = 0.0;
             self.force_m_s2 = motion.rotation.apply_inverse(self.force_m_s2);
             return false;
         };
-        self.average(&motion, inclination.force_m_s2, bias_rad_s);
+        self.average(motion, inclination.force_m_s2, bias_rad_s);
         let change_s = if self.is_turning() { motion.dt_s } else { -motion.dt_s };
         self.turn_s = (self.turn_s + change_s).clamp(0.0, MAX_TURN_S);
         self.turn_s >= MIN_TURN_S
