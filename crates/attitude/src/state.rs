@@ -99,28 +99,22 @@ impl Attitude {
     pub fn matrix(self) -> Matrix3<f64> {
         let (u, v) = (self.up.w.re, self.up.w.im);
         let rho = u * u + v * v;
-        let tilt = Matrix3::new(
-            1.0 - u * u + v * v,
-            -2.0 * u * v,
-            2.0 * u,
-            -2.0 * u * v,
-            1.0 + u * u - v * v,
-            2.0 * v,
-            -2.0 * u,
-            -2.0 * v,
-            1.0 - rho,
-        ) / (1.0 + rho);
-        let (sin, cos) = libm::sincos(self.z_rad);
-        let heading = Matrix3::new(cos, sin, 0.0, -sin, cos, 0.0, 0.0, 0.0, 1.0);
+        let scale = 1.0 + rho;
+        let (xx, xy, yy) = ((1.0 - u * u + v * v) / scale, -2.0 * u * v / scale, (1.0 + u * u - v * v) / scale);
+        let (xz, yz, zz) = (2.0 * u / scale, 2.0 * v / scale, (1.0 - rho) / scale);
         let sign = self.up.chart.sign();
-        Matrix3::from_diagonal(&Vector3::new(1.0, sign, sign)) * tilt * heading
+        let (sin, cos) = libm::sincos(self.z_rad);
+        // The sum with 0 is never −0.
+        let row = |x: f64, y: f64, z: f64| [x * cos - y * sin + 0.0, x * sin + y * cos + 0.0, z + 0.0];
+        let [a, b, c] = [row(xx, xy, xz), row(sign * xy, sign * yy, sign * yz), row(-sign * xz, -sign * yz, sign * zz)];
+        Matrix3::new(a[0], a[1], a[2], b[0], b[1], b[2], c[0], c[1], c[2])
     }
 
     /// Returns the attitude after a rotation of the body, exact for any angle.
     ///
     /// w⁺ = (p̄ w + j s)/m, z⁺ = z + 2 arg m, m = p + j s̄ w. This is the solution of Matveev 2025,
     /// (18)–(20) for a constant rate.
-    #[inline]
+    #[inline(always)]
     pub fn rotated(self, rotation: Rotation) -> AttitudeUpdate {
         let Rotation { p, s } = rotation.in_chart(self.up.chart);
         let w = self.up.w;
@@ -128,7 +122,7 @@ impl Attitude {
     }
 
     /// Applies [`Attitude::rotated`] in place.
-    #[inline]
+    #[inline(always)]
     pub(crate) fn rotate(&mut self, rotation: Rotation) {
         let Rotation { p, s } = rotation.in_chart(self.up.chart);
         let w = self.up.w;
@@ -151,7 +145,7 @@ impl Attitude {
     /// With l the tilt and (p, s) the rotation, the composition of both maps is w⁺ = N/M and
     /// z⁺ = z + 2 arg M, where N = n + l m̄, M = m − l n̄, n = p̄ w + j s and m = p + j s̄ w. With
     /// the azimuth r⁺ = r M²/|M|², the axes need only one division, by |M|² + |N|².
-    #[inline]
+    #[inline(always)]
     pub(crate) fn rotate_and_tilt(
         &mut self,
         rotation: Rotation,
@@ -230,7 +224,7 @@ impl Attitude {
 
     /// Returns the image numerator/m of a Möbius map, in the chart in which it is far from the
     /// pole.
-    #[inline]
+    #[inline(always)]
     fn mapped(self, numerator: Complex<f64>, m: Complex<f64>) -> AttitudeUpdate {
         let size2 = m.norm_sqr();
         if numerator.norm_sqr() > MAX_CHART_NORM_SQUARED * size2 {
