@@ -41,6 +41,7 @@ impl Attitude {
     /// Returns yaw, pitch and roll — Matveev 2025, (23)–(25), with the two-argument arctangent.
     ///
     /// Pitch is also computed with the arctangent, which stays exact up to the vertical.
+    #[inline]
     pub fn angles(self) -> Angles {
         let (u, v) = (self.up.w.re, self.up.w.im);
         let rho = u * u + v * v;

@@ -31,21 +31,25 @@ impl<S: Stage<Output: Validate> + Clone> ResettingStage<S> {
     /// Steps the stage. Returns the output, and `true` if the stage was reset in this step.
     ///
     /// Returns `None` once the stage has failed permanently.
-    #[inline]
+    #[inline(always)]
     pub fn step(&mut self, input: &S::Input) -> Option<(S::Output, bool)> {
         if self.output_error.is_some() {
             return None;
         }
-        let output = self.stage.step(input);
-        if output.validation_error().is_none() { Some((output, false)) } else { self.reset_and_step(input) }
+        let mut output = self.stage.step(input);
+        let is_reset = output.validation_error().is_some();
+        if is_reset {
+            output = self.reset_and_step(input)?;
+        }
+        Some((output, is_reset))
     }
 
     #[cold]
-    fn reset_and_step(&mut self, input: &S::Input) -> Option<(S::Output, bool)> {
+    fn reset_and_step(&mut self, input: &S::Input) -> Option<S::Output> {
         let restored = self.stage.restore(&self.initial);
         let output = self.stage.step(input);
         self.output_error = restored.err().map(|_| "an error").or(output.validation_error());
-        self.output_error.is_none().then_some((output, true))
+        self.output_error.is_none().then_some(output)
     }
 
     /// Returns the cause if the stage has failed permanently, else `None`.

@@ -12,6 +12,15 @@ pub trait Scalars {
     fn visit(&mut self, visit: &mut dyn FnMut(&mut f64));
 }
 
+/// Returns `true` if all numbers are finite.
+///
+/// A finite number times zero is zero. For infinity and NaN the product is NaN. The sum needs fewer
+/// instructions than a comparison of each number.
+#[inline]
+pub(crate) fn are_finite<const COUNT: usize>(numbers: [f64; COUNT]) -> bool {
+    numbers.into_iter().fold(0.0, |sum, number| sum + number * 0.0) == 0.0
+}
+
 /// Visits struct fields of `self` in the given order. Fields after `without` hold no state.
 ///
 /// A field that is in neither list causes a compile error, so that no part of a state is forgotten.

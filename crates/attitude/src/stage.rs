@@ -254,6 +254,7 @@ impl Attitude {
 /// Returns the reason why an attitude is invalid, or `None` if it is valid.
 ///
 /// An attitude is invalid if it is outside the bounds of its chart or NaN.
+#[inline]
 pub fn attitude_validation_error(attitude: Attitude) -> Option<&'static str> {
     let inside = attitude.up.w.norm_sqr() <= 2.0 && attitude.z_rad.abs() <= 4.0;
     (!inside).then_some("an attitude outside its chart")

@@ -5,7 +5,7 @@ use crate::{
     GRAVITY_M_S2, Vector3,
     flags::Flags,
     point::Point,
-    scalars::scalars,
+    scalars::{are_finite, scalars},
     stage::{Validate, attitude_validation_error},
     state::Attitude,
 };
@@ -35,15 +35,17 @@ pub struct Inclination {
 
 impl Inclination {
     /// Returns [`Flags::FORCE_SMALL`] if the force is too small to have a direction.
+    #[inline]
     pub fn flags(&self) -> Flags {
         Flags::FORCE_SMALL.when(self.norm_m_s2 < MIN_FORCE_M_S2)
     }
 }
 
 impl Validate for Inclination {
+    #[inline]
     fn validation_error(&self) -> Option<&'static str> {
         let Self { up, force_m_s2, norm_m_s2, trust } = self;
-        let finite = force_m_s2.iter().chain([norm_m_s2]).all(|number| number.is_finite());
+        let finite = are_finite([force_m_s2.x, force_m_s2.y, force_m_s2.z, *norm_m_s2]);
         let valid_trust = (0.0..=1.0).contains(trust);
         attitude_validation_error(Attitude::from_up(*up))
             .or((!finite).then_some("a number that is not finite"))
@@ -66,5 +68,5 @@ pub(super) fn trust(norm_m_s2: f64, used: bool) -> f64 {
 /// Returns the force, or zero if it is not finite.
 #[inline]
 pub(super) fn finite_or_zero(force_m_s2: &Vector3<f64>) -> Vector3<f64> {
-    if force_m_s2.iter().all(|component| component.is_finite()) { *force_m_s2 } else { Vector3::zeros() }
+    if are_finite((*force_m_s2).into()) { *force_m_s2 } else { Vector3::zeros() }
 }

@@ -79,7 +79,7 @@ impl Stage for Accelerometer {
         }
     }
 
-    #[inline]
+    #[inline(always)]
     fn step(&mut self, force_m_s2: &Vector3<f64>) -> Inclination {
         let force_m_s2 = finite_or_zero(force_m_s2);
         let norm_m_s2 = force_m_s2.norm().min(f64::MAX);

@@ -14,6 +14,7 @@ pub(crate) const GIMBAL_RAD: f64 = 1.553_343_034_274_953_3;
 
 /// Returns the gyroscopic course HΓ = −ψ, where ψ is the fuser's yaw. The declination converts a
 /// magnetic course to a true one.
+#[inline]
 pub(super) fn gyroscopic_course(input: &CourseInput, yaw_rad: f64, declination_deg: f64) -> CourseEstimate {
     let (correction_rad, reference) = match input.reference {
         CourseReference::Magnetic if declination_deg != 0.0 => (declination_deg.to_radians(), CourseReference::True),
@@ -24,6 +25,7 @@ pub(super) fn gyroscopic_course(input: &CourseInput, yaw_rad: f64, declination_d
 }
 
 /// Wraps an angle of a few revolutions to [0, 2π).
+#[inline]
 pub(super) fn wrap_course_rad(angle_rad: f64) -> f64 {
     let positive = angle_rad - TAU * libm::floor(angle_rad / TAU);
     // Wrapping a tiny negative angle rounds to 2π, which is outside the range. Adding 0 turns −0
@@ -48,6 +50,7 @@ impl Default for Continuity {
 
 impl Continuity {
     /// Returns the reading with the given angles and course, and stores it for the next call.
+    #[inline]
     pub(super) fn next_reading(
         &mut self,
         input: &CourseInput,

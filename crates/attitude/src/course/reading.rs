@@ -7,7 +7,7 @@ use crate::{
     Quaternion,
     angles::Angles,
     flags::Flags,
-    scalars::scalars,
+    scalars::{are_finite, scalars},
     stage::{RestoreError, UNIT_NORM_SQUARED_TOLERANCE, Validate},
 };
 
@@ -35,16 +35,17 @@ pub struct CourseReading {
 
 impl CourseReading {
     /// Returns the flags of the reading.
+    #[inline]
     pub fn flags(&self) -> Flags {
         Flags::NEAR_GIMBAL.when(self.near_gimbal) | Flags::ALIGNED.when(self.aligned)
     }
 }
 
 impl Validate for CourseReading {
+    #[inline]
     fn validation_error(&self) -> Option<&'static str> {
         let Angles { yaw_rad, pitch_rad, roll_rad } = self.angles;
-        let numbers = [yaw_rad, pitch_rad, roll_rad, self.course_sd_rad, self.declination_rad];
-        let finite = numbers.iter().all(|number| number.is_finite());
+        let finite = are_finite([yaw_rad, pitch_rad, roll_rad, self.course_sd_rad, self.declination_rad]);
         quaternion_validation_error(self.quaternion)
             .or((!finite).then_some("a number that is not finite"))
             .or((!(0.0..TAU).contains(&self.course_rad)).then_some("a course outside [0, 2π)"))

@@ -102,7 +102,7 @@ impl<S: Stage<Input = CourseInput, Output = CourseReading> + Clone> SupervisedCo
     /// true course.
     ///
     /// Returns `None` once the stage has failed permanently.
-    #[inline]
+    #[inline(always)]
     pub fn step(
         &mut self,
         tick: &CourseTick,

@@ -8,7 +8,7 @@
 //! duration.
 
 use super::input::FuserInput;
-use crate::{Vector3, accel::Inclination, gnss::Fix, gyro::Motion, rotation::Rotation};
+use crate::{Vector3, accel::Inclination, gnss::Fix, gyro::Motion, rotation::Rotation, scalars::are_finite};
 
 /// Implements the items that are the same in every fuser stage: the types of the slot, and `step`.
 ///
@@ -33,12 +33,12 @@ impl FuserInput {
     /// values.
     ///
     /// The copy is kept in `storage`.
-    #[inline]
+    #[inline(always)]
     pub fn sanitized<'a>(&'a self, storage: &'a mut Option<Self>) -> &'a Self {
         if self.is_finite() { self } else { storage.insert(self.without_non_finite()) }
     }
 
-    #[inline]
+    #[inline(always)]
     fn is_finite(&self) -> bool {
         self.motion
             .as_ref()
@@ -64,23 +64,19 @@ impl FuserInput {
     }
 }
 
-/// Returns `true` if all components are finite.
-///
-/// A finite number times zero is zero. For infinity and NaN the product is NaN.
 #[inline]
 fn vector_is_finite(vector: &Vector3<f64>) -> bool {
-    vector.x * 0.0 + vector.y * 0.0 + vector.z * 0.0 == 0.0
+    are_finite([vector.x, vector.y, vector.z])
 }
 
 #[inline]
 fn motion_is_finite(motion: &Motion) -> bool {
-    let Rotation { p, s } = motion.rotation;
-    (p.re * 0.0 + p.im * 0.0) + (s.re * 0.0 + s.im * 0.0) == 0.0 && vector_is_finite(&motion.rate_rad_s)
+    let (Rotation { p, s }, rate) = (motion.rotation, motion.rate_rad_s);
+    are_finite([p.re, p.im, s.re, s.im, rate.x, rate.y, rate.z])
 }
 
 #[inline]
 fn inclination_is_finite(inclination: &Inclination) -> bool {
-    let w = inclination.up.w;
-    w.re * 0.0 + w.im * 0.0 + inclination.norm_m_s2 * 0.0 + inclination.trust * 0.0 == 0.0
-        && vector_is_finite(&inclination.force_m_s2)
+    let (w, force) = (inclination.up.w, inclination.force_m_s2);
+    are_finite([w.re, w.im, inclination.norm_m_s2, inclination.trust, force.x, force.y, force.z])
 }

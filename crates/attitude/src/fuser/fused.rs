@@ -4,7 +4,7 @@ use crate::{
     Complex, Vector3,
     accel::Inclination,
     course::CourseReference,
-    scalars::scalars,
+    scalars::{are_finite, scalars},
     stage::{Validate, attitude_validation_error},
     state::{Attitude, arg},
 };
@@ -32,9 +32,11 @@ pub struct Fused {
 }
 
 impl Validate for Fused {
+    #[inline]
     fn validation_error(&self) -> Option<&'static str> {
+        let (bias, rate) = (self.bias_rad_s, self.rate_rad_s);
         let sds = [self.innovation_rad, self.inclination_sd_rad, self.heading_sd_rad];
-        let finite = self.bias_rad_s.iter().chain(&self.rate_rad_s).chain(&sds).all(|number| number.is_finite());
+        let finite = are_finite([bias.x, bias.y, bias.z, rate.x, rate.y, rate.z, sds[0], sds[1], sds[2]]);
         attitude_validation_error(self.attitude)
             .or((!finite).then_some("a number that is not finite"))
             .or(sds.iter().any(|sd| *sd < 0.0).then_some("a standard deviation or innovation below zero"))

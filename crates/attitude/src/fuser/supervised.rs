@@ -63,6 +63,7 @@ pub struct SensorTick {
 
 impl SensorTick {
     /// Returns the interval and the faults of a tick, without its sensor values.
+    #[inline]
     pub fn from_flags(t_start_ns: i64, t_end_ns: i64, flags: Flags) -> Self {
         Self {
             t_start_ns,
@@ -122,6 +123,7 @@ pub struct SupervisedFused {
 
 impl SupervisedFused {
     /// Returns the flags of the output.
+    #[inline]
     pub fn flags(&self) -> Flags {
         let Self { fused, is_aligned, is_reset, .. } = self;
         Flags::RESET.when(*is_reset)
@@ -173,6 +175,7 @@ impl SupervisedState {
     /// If ticks are missing in between, the rotation is computed from the gyro's open-loop
     /// attitudes. Over a gap longer than [`MAX_BRIDGED_GAP_S`], the rotation is the identity and
     /// `dt_s` is 0.
+    #[inline(always)]
     fn bridge(&mut self, tick: &SensorTick) -> Option<Motion> {
         let mut motion = tick.motion?;
         let previous = self.previous_motion.replace((motion.attitude, tick.t_end_ns));
@@ -188,6 +191,7 @@ impl SupervisedState {
     }
 
     /// Returns the inclination, or `None` if the force is missing or unusable.
+    #[inline(always)]
     fn usable_inclination(&mut self, tick: &SensorTick, motion: Option<&Motion>) -> Option<Inclination> {
         let force_m_s2 = <[f64; 3]>::from(tick.force_m_s2?);
         // At rest the force may repeat. If it repeats during a rotation, the accelerometer is dead.
@@ -203,6 +207,7 @@ impl SupervisedState {
     ///
     /// This is the case at the first usable rate after the outage or gap, if the tilt error is too
     /// large.
+    #[inline(always)]
     fn needs_realignment(&mut self, is_rate_usable: bool, interval_s: f64, inclination: Option<&Inclination>) -> bool {
         if !is_rate_usable {
             self.rate_outage_s += interval_s;
@@ -247,7 +252,7 @@ impl<S: FuserStage> SupervisedFuser<S> {
     }
 
     /// Processes a tick. Returns `None` once the stage has failed permanently.
-    #[inline]
+    #[inline(always)]
     pub fn step(&mut self, tick: &SensorTick) -> Option<SupervisedFused> {
         let Self { resetting, state } = self;
         let motion = state.bridge(tick);

@@ -19,7 +19,7 @@ pub use supervised::SupervisedGyro;
 use crate::{
     Vector3, kinematics,
     rotation::Rotation,
-    scalars::Scalars,
+    scalars::{Scalars, are_finite},
     stage::{RestoreError, Stage, attitude_validation_error},
     state::Attitude,
 };
@@ -121,12 +121,12 @@ impl Stage for Gyro {
         }
     }
 
-    #[inline]
+    #[inline(always)]
     fn step(&mut self, sample: &RateSample) -> Motion {
         let is_valid = sample.dt_s >= 0.0 && sample.dt_s.is_finite();
         let dt_s = if is_valid { sample.dt_s } else { 0.0 };
-        let is_finite = sample.rate_rad_s.iter().all(|component| component.is_finite());
-        let rate_rad_s = if is_finite { sample.rate_rad_s } else { self.previous_rate_rad_s };
+        let rate_rad_s =
+            if are_finite(sample.rate_rad_s.into()) { sample.rate_rad_s } else { self.previous_rate_rad_s };
         let end_rad_s = rate_rad_s.map(|component| component.clamp(-MAX_RATE_RAD_S, MAX_RATE_RAD_S));
         let start_rad_s = match sample.kind {
             RateKind::Instant if self.started => self.previous_rate_rad_s,

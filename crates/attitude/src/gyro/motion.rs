@@ -50,6 +50,7 @@ pub struct Motion {
 }
 
 impl Validate for Motion {
+    #[inline]
     fn validation_error(&self) -> Option<&'static str> {
         let Self { attitude, rotation, rate_rad_s, dt_s } = self;
         let unit = libm::fabs(rotation.p.norm_sqr() + rotation.s.norm_sqr() - 1.0) <= UNIT_NORM_SQUARED_TOLERANCE;

@@ -62,7 +62,7 @@ impl<S: GyroStage> SupervisedGyro<S> {
     /// Processes a tick. Returns the motion, and `true` if the stage was reset in this step.
     ///
     /// Returns `None` once the stage has failed permanently.
-    #[inline]
+    #[inline(always)]
     pub fn step(&mut self, tick: &GyroTick) -> Option<(Motion, bool)> {
         let previous_ns = self.state.t_end_ns.replace(tick.t_end_ns).unwrap_or(tick.t_start_ns);
         let dt_s = (tick.t_end_ns - previous_ns) as f64 * 1e-9;
@@ -77,6 +77,7 @@ impl<S: GyroStage> SupervisedGyro<S> {
     }
 
     /// Aligns the open-loop attitude with the first force that has a direction.
+    #[cold]
     fn align_level(&mut self, tick: &GyroTick) -> Option<Attitude> {
         let force_m_s2 = Vector3::from(tick.force_m_s2);
         let usable = !tick.flags.any(Flags::FORCE_INVALID | Flags::FORCE_SMALL);
