@@ -10,5 +10,6 @@ mod links;
 mod remote_topics;
 mod sessions;
 mod split;
+mod subscription;
 mod third_party_client;
 mod uncertified_clients;

@@ -101,6 +101,13 @@ fn reason(error: &ReplyError) -> Option<ForeignText> {
 }
 
 impl MessageStream {
+    /// Discards the messages received so far.
+    pub fn discard_received(&self) {
+        for _ in 0..MAX_BUFFERED {
+            let Ok(Some(_)) = self.0.try_recv() else { break };
+        }
+    }
+
     /// Returns the next message, or `None` if no message arrives within `limit`.
     pub fn next(&self, limit: Duration) -> Option<RemoteMessage> {
         let sample = self.0.recv_timeout(limit).ok().flatten()?;

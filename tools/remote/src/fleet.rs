@@ -30,6 +30,9 @@ use crate::error::RemoteError;
 const MAX_VEHICLES: usize = 256;
 /// Maximum number of services that are tracked per vehicle. A system has fewer than 16.
 const MAX_SERVICES: usize = 64;
+/// Time for the connected vehicles to confirm a new subscription. Messages of a vehicle that does
+/// not confirm it in time are counted from their arrival.
+const SUBSCRIBE_TIMEOUT: Duration = Duration::from_secs(2);
 /// Longest wait for a message.
 const RECEIVE_TIMEOUT: Duration = Duration::from_millis(20);
 /// Maximum number of messages of a subscription that are received per poll, so that the caller is
@@ -74,13 +77,22 @@ impl FleetMonitor {
     /// Subscribes to these topics of all vehicles; `*` stands for every topic. Messages are also
     /// written to `tables` if given.
     ///
+    /// Messages are counted once the connected vehicles have confirmed the subscriptions. A vehicle
+    /// sends all messages while a peer connects to it, and none from then until it receives the
+    /// peer's subscription. The messages in between are not lost.
+    ///
     /// # Errors
     ///
     /// Fails if the link is closed.
     pub fn open(link: &Link, topics: &[&str], tables: Option<CsvTables>) -> Result<Self, RemoteError> {
         let messages = topics.iter().map(|topic| link.subscribe(&keys::key("*", topic)));
+        let messages = messages.collect::<Result<Vec<_>, _>>()?;
+        // A response confirms that the vehicle has processed the subscriptions, which were sent
+        // before the query. Its content and errors are ignored.
+        let _ = link.query(&keys::key("*", keys::GATEWAY), Vec::new(), SUBSCRIBE_TIMEOUT);
+        messages.iter().for_each(MessageStream::discard_received);
         Ok(Self {
-            messages: messages.collect::<Result<_, _>>()?,
+            messages,
             liveliness: link.subscribe_liveliness(&keys::key("*", &format!("{}/**", keys::LIVELINESS)))?,
             tables,
             vehicles: Vehicles::new(),
