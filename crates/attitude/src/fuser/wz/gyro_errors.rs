@@ -796,15 +796,24 @@ impl GyroErrorFilter {
         self.max_bias_sd_rad_s > MAX_BIAS_SD_RAD_S
     }
 
-    /// Applies the drift of the heading as a measurement of the bias error about the vertical.
+    /// Returns `true` if the bias about a direction is known as well as that of a calibrated gyro.
+    pub(super) fn is_bias_known_about(&self, direction: Vector3<f64>) -> bool {
+        self.bias_sd_about(direction) < MAX_BIAS_SD_RAD_S
+    }
+
+    /// Raises the upper limit of the bias's standard deviation, because the bias is large.
+    pub(super) fn widen_prior(&mut self, max_bias_sd_rad_s: f64) {
+        self.max_bias_sd_rad_s = max_bias_sd_rad_s;
+    }
+
+    /// Applies the drift of the heading as a measurement of the bias error about its axis.
     ///
-    /// `up` is the vertical in body axes. Returns the change of the bias about the vertical (rad/s)
-    /// and the error of the loop, or `None` if the drift is not much better known than the bias. If
-    /// the drift is many standard deviations in size, the bias about the vertical counts as
-    /// unknown.
-    pub(super) fn observe_vertical_bias(&mut self, up: Vector3<f64>, drift: &Drift) -> Option<(f64, LoopError)> {
-        let Drift { rate_rad_s, variance_rad2_s2 } = *drift;
-        let bias_sd_rad_s = self.bias_sd_about(up);
+    /// Returns the change of the drift (rad/s) and the error of the loop, or `None` if the drift is
+    /// not much better known than the bias. If the drift is many standard deviations in size, the
+    /// bias about the axis counts as unknown.
+    pub(super) fn observe_vertical_bias(&mut self, drift: &Drift) -> Option<(f64, LoopError)> {
+        let Drift { rate_rad_s, variance_rad2_s2, axis } = *drift;
+        let bias_sd_rad_s = self.bias_sd_about(axis);
         let (rate2, bias_variance) = (rate_rad_s * rate_rad_s, bias_sd_rad_s * bias_sd_rad_s);
         let is_unexpected = rate2 > MAX_DRIFT2 * (bias_variance + variance_rad2_s2);
         let added_variance = if is_unexpected { rate2 } else { 0.0 };
@@ -812,8 +821,9 @@ impl GyroErrorFilter {
             return None;
         }
         let mut bias_covariance = self.covariance.fixed_view_mut::<3, 3>(BIAS, BIAS);
-        bias_covariance += up * up.transpose() * added_variance;
-        let column = self.covariance.fixed_columns::<3>(BIAS) * up;
+        let direction = axis / axis.norm_squared();
+        bias_covariance += direction * direction.transpose() * added_variance;
+        let column = self.covariance.fixed_columns::<3>(BIAS) * axis;
         let scale = 1.0 / libm::sqrt(bias_variance + added_variance + variance_rad2_s2);
         let gain = column * scale;
         self.covariance -= gain * gain.transpose();
@@ -821,7 +831,7 @@ impl GyroErrorFilter {
         let error = self.loop_error(&change);
         self.apply(&change);
         self.tilt_rad -= error.tilt;
-        Some((change.fixed_rows::<3>(BIAS).dot(&up), error))
+        Some((change.fixed_rows::<3>(BIAS).dot(&axis), error))
     }
 
     /// Sets the bias from a direct measurement at rest.

@@ -64,7 +64,7 @@ use {
     level::{Level, LoopError},
     settings::Settings,
     time_constants::MotionObservation,
-    wide_bias::WideBiasFilter,
+    wide_bias::{UNKNOWN_BIAS_SD_RAD_S, WideBiasFilter},
 };
 
 /// Longest interval over which one rate sample may be integrated, s. The motion of a body over a
@@ -186,7 +186,7 @@ impl Wz {
         let samples = self.gyro_errors.samples();
         let UpdateOutcome { mut error, acceleration, is_restarted } = self.gyro_errors.update(&input, &self.settings);
         if is_restarted {
-            if input.bias_at_rest.is_some() || !self.wide_bias.is_apart() {
+            if input.bias_at_rest.is_some() || !self.wide_bias.explains(error.tilt) {
                 self.wide_bias.restart();
             }
             self.level.restart_time_constant();
@@ -199,8 +199,13 @@ impl Wz {
             self.gyro_errors = found;
             let remaining = self.gyro_errors.take_over(input.loop_velocity_s - error.velocity);
             error = error + remaining;
-            let up = self.level.attitude().up.direction();
-            self.heading.invalidate_by_drift(self.gyro_errors.bias_sd_about(up));
+            if known_bias_rad_s.is_some() {
+                let up = self.level.attitude().up.direction();
+                self.heading.invalidate_by_drift(self.gyro_errors.bias_sd_about(up));
+            } else {
+                self.heading.restart_after_drift(UNKNOWN_BIAS_SD_RAD_S, &self.settings);
+                self.heading.expect_local_fields();
+            }
         }
         error = error + self.observe_vertical_bias();
         self.level.adapt(&MotionObservation {
@@ -221,12 +226,24 @@ impl Wz {
         if !self.gyro_errors.has_wide_prior() || self.wide_bias.is_bias_known() {
             return LoopError::default();
         }
-        let up = self.level.attitude().up.direction();
-        let observed = self.heading.drift().and_then(|drift| self.gyro_errors.observe_vertical_bias(up, &drift));
+        if self.gyro_errors.is_bias_known_about(self.level.attitude().up.direction()) {
+            self.heading.accept_drift();
+        }
+        let observed = self.heading.drift().and_then(|drift| self.gyro_errors.observe_vertical_bias(&drift));
         let Some((change_rad_s, error)) = observed else { return LoopError::default() };
         self.heading.subtract_drift(change_rad_s);
         self.wide_bias.restart();
         error
+    }
+
+    /// Handles a large drift of the heading, which shows a large bias about the vertical.
+    #[cold]
+    fn search_vertical_bias(&mut self) {
+        if self.gyro_errors.has_wide_prior() || self.wide_bias.is_bias_known() {
+            return;
+        }
+        self.gyro_errors.widen_prior(UNKNOWN_BIAS_SD_RAD_S);
+        self.heading.restart_after_drift(UNKNOWN_BIAS_SD_RAD_S, &self.settings);
     }
 
     #[inline(always)]
@@ -287,6 +304,9 @@ impl Wz {
             gyro_outage_s,
         };
         let heading_update = self.heading.step(&input, &self.settings);
+        if heading_update.drifts {
+            self.search_vertical_bias();
+        }
         corrections.magnetic = heading_update.magnetic;
         corrections.aligned |= heading_update.aligned;
         corrections.disturbed = self.heading.is_disturbed();

@@ -18,8 +18,17 @@
 //!
 //! The force in a long turn of a vehicle also looks like the effect of a bias. The second filter
 //! restarts from the first one at regular intervals, and after a gyro outage or a tilt fault, whose
-//! force would look like the effect of a bias. If the biases already differ significantly at a tilt
-//! fault, the second filter continues, because the bias has probably caused the fault.
+//! force would look like the effect of a bias.
+//!
+//! A large bias causes a tilt fault every few seconds, and a filter that starts again each time
+//! does not find it. The second filter therefore continues if its bias explains the fault. The
+//! biases must differ, and most of the level error must be part of its estimated tilt error. After
+//! a clipped force the biases differ as well, but the filter has not estimated the level error.
+//!
+//! Measured on Nexus 5 with a bias of 10 °/s on each axis, this rule finds the bias within 60 s in
+//! 40 of 40 runs. Two variants are worse. If the biases must differ significantly instead, 39 runs
+//! find the bias. If any difference is enough, the level recovers from a clipped force in 41 s
+//! instead of 22 s.
 //!
 //! A prior of 0.05 rad/s instead of 0.1 rad/s is too narrow. A bias of 10 °/s on each axis is then
 //! found later or not at all while the body moves. On TUM VI, the mean inclination error rises from
@@ -27,7 +36,7 @@
 //!
 //! The force does not show the bias about the vertical. While the bias has been found only in
 //! motion, the stage corrects this component by the drift of the heading, which the magnetic field
-//! shows. On Nexus 5 with a bias of 10 °/s added to each axis, the heading error is 18° instead of
+//! shows. On Nexus 5 with a bias of 10 °/s added to each axis, the heading error is 9° instead of
 //! 38°.
 
 use super::{
@@ -36,9 +45,9 @@ use super::{
 };
 use crate::{Complex, scalars::scalars};
 
-/// Standard deviation of an unknown bias in the second filter, rad/s. Data sheets of consumer MEMS
-/// gyros allow a bias of 10 °/s, which is 1.7 standard deviations.
-const UNKNOWN_BIAS_SD_RAD_S: f64 = 0.1;
+/// Standard deviation of an unknown large bias, rad/s. Data sheets of consumer MEMS gyros allow a
+/// bias of 10 °/s, which is 1.7 standard deviations.
+pub(super) const UNKNOWN_BIAS_SD_RAD_S: f64 = 0.1;
 /// Standard deviation of the change of a known bias in the second filter, rad/s. A temperature
 /// shock changes the bias by up to a few °/s.
 const CHANGED_BIAS_SD_RAD_S: f64 = 0.05;
@@ -57,6 +66,12 @@ const MIN_DISTANCE2_FROM_KNOWN: f64 = 160.0;
 /// The distance is scaled as in [`MIN_DISTANCE2`]. If the errors of the three components are
 /// normally distributed, 0.1 % of the distances exceed this value.
 const SUSPECTED_DISTANCE2: f64 = 16.0;
+/// Largest part of the level error that the second filter has not estimated, if its bias explains a
+/// tilt fault.
+///
+/// It is a fraction of the level error. With a bias of 10 °/s on each axis, fractions from 0.5 to
+/// 0.7 find the bias in 40 of 40 runs, and 0.3 in 36. After a clipped force, the part is 0.95.
+const MAX_UNEXPLAINED_FRACTION: f64 = 0.6;
 /// Time for which the biases of the two filters must differ, s.
 const MIN_APART_S: f64 = 2.0 - 1e-6;
 /// Time after which the second filter is restarted, s.
@@ -137,9 +152,11 @@ impl WideBiasFilter {
         (self.apart_s >= MIN_APART_S).then(|| core::mem::take(self).filter)
     }
 
-    /// Returns `true` while the biases of the two filters differ significantly.
-    pub(super) fn is_apart(&self) -> bool {
-        self.apart_s > 0.0
+    /// Returns `true` if the bias of the second filter explains the level error at a tilt fault.
+    pub(super) fn explains(&self, level_error_rad: Complex<f64>) -> bool {
+        const MAX_FRACTION2: f64 = MAX_UNEXPLAINED_FRACTION * MAX_UNEXPLAINED_FRACTION;
+        let unexplained_rad = level_error_rad - self.filter.tilt_error_rad();
+        self.suspected_rad_s > 0.0 && unexplained_rad.norm_sqr() < MAX_FRACTION2 * level_error_rad.norm_sqr()
     }
 
     /// Returns `true` once a rest has shown the bias or another stage has handed it over.

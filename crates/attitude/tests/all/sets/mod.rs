@@ -97,7 +97,7 @@ fn large_gyro_bias_is_found() {
         ("BROAD", [3.0, -4.0, 2.5], (0.65, Some(1.75))),
         ("TUM VI", [3.0, -3.0, 3.0], (1.7, None)),
         ("TUM VI", [10.0, 10.0, -10.0], (7.5, None)),
-        ("Nexus 5 calm", [10.0, 10.0, -10.0], (6.8, Some(20.0))),
+        ("Nexus 5 calm", [10.0, 10.0, -10.0], (5.2, Some(9.5))),
     ] {
         let Some(recordings) = with_bias(set, bias_deg_s) else { return };
         let scores = scores_of(&recordings);
@@ -115,21 +115,27 @@ fn large_gyro_bias_is_found() {
 /// Time by which a bias must be found in motion, s.
 const FOUND_S: f64 = 60.0;
 
-/// With a magnetometer, a large bias about the vertical axis is also found. The remaining error
-/// depends on the magnetic disturbances, so the test checks the median over the recordings.
+/// Biases of 10 °/s about each axis of the sensor, and on all axes with every combination of signs.
+fn biases_of_10_deg_s() -> Vec<[f64; 3]> {
+    let signs = (0..8).map(|signs| [0, 1, 2].map(|axis| if signs >> axis & 1 == 0 { 10.0 } else { -10.0 }));
+    let axes = (0..3).flat_map(|axis| [10.0, -10.0].map(|rate| [0, 1, 2].map(|i| if i == axis { rate } else { 0.0 })));
+    signs.chain(axes).collect()
+}
+
+/// With a magnetometer, a large bias about the vertical axis is also found. The local magnetic
+/// fields of the building limit the accuracy. The person starts to walk with the first sample.
 #[::recorded::test]
 fn large_bias_in_motion_is_found_within_60_s() {
-    for bias_deg_s in [[10.0, 10.0, -10.0], [-10.0, -10.0, 10.0], [10.0, -10.0, -10.0], [-10.0, 10.0, -10.0]] {
-        let Some(recordings) = with_bias("Nexus 5 calm", bias_deg_s) else { return };
-        let unbiased = with_bias("Nexus 5 calm", [0.0; 3]).unwrap();
-        let error_deg_s = |(biased, unbiased): (&Recording, &Recording)| {
-            let own_bias_rad_s = scores::bias_at("wz", unbiased, f64::INFINITY);
-            let found_rad_s = scores::bias_at("wz", biased, FOUND_S) - own_bias_rad_s;
+    let Some(unbiased) = with_bias("Nexus 5 calm", [0.0; 3]) else { return };
+    let own_rad_s: Vec<_> = unbiased.iter().map(|own| scores::bias_at(STAGES[0], own, f64::INFINITY)).collect();
+    for bias_deg_s in biases_of_10_deg_s() {
+        let recordings = with_bias("Nexus 5 calm", bias_deg_s).unwrap();
+        let error_deg_s = |(biased, own_rad_s): (&Recording, &attitude::Vector3<f64>)| {
+            let found_rad_s = scores::bias_at(STAGES[0], biased, FOUND_S) - own_rad_s;
             (found_rad_s.map(f64::to_degrees) - attitude::Vector3::from(bias_deg_s)).amax()
         };
-        let mut errors: Vec<_> = recordings.iter().zip(&unbiased).map(error_deg_s).collect();
-        errors.sort_by(f64::total_cmp);
+        let errors: Vec<_> = recordings.iter().zip(&own_rad_s).map(error_deg_s).collect();
         println!("{bias_deg_s:?} °/s: bias error after {FOUND_S} s {errors:.2?} °/s");
-        assert!(errors[errors.len() / 2] < 1.5, "{bias_deg_s:?} °/s: {errors:?}");
+        assert!(errors.iter().all(|error| *error < 1.5), "{bias_deg_s:?} °/s: {errors:.2?}");
     }
 }

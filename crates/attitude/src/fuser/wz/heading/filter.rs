@@ -195,6 +195,9 @@ pub(super) struct MeasurementResult {
 pub(in crate::fuser::wz) struct Drift {
     pub(in crate::fuser::wz) rate_rad_s: f64,
     pub(in crate::fuser::wz) variance_rad2_s2: f64,
+    /// Mean of the vertical in body axes over the time in which the drift was observed. A gyro bias
+    /// has caused its scalar product with this vector as drift.
+    pub(in crate::fuser::wz) axis: Vector3<f64>,
 }
 
 /// Kalman filter of one hypothesis.
@@ -287,9 +290,9 @@ impl FieldFilter {
         self.p[E][E] = horizontal * horizontal * sd_rad * sd_rad + LOCAL_FIELD_SD_UT * LOCAL_FIELD_SD_UT;
     }
 
-    /// Returns the drift of the gyro heading.
-    pub(super) fn drift(&self) -> Drift {
-        Drift { rate_rad_s: self.x[BETA], variance_rad2_s2: self.p[BETA][BETA] }
+    /// Returns the drift of the gyro heading about `axis`.
+    pub(super) fn drift(&self, axis: Vector3<f64>) -> Drift {
+        Drift { rate_rad_s: self.x[BETA], variance_rad2_s2: self.p[BETA][BETA], axis }
     }
 
     /// Adds a variance to the gyro heading. The ambient field e and the rest-site field p rotate

@@ -200,6 +200,14 @@ impl HypothesisTest {
         });
     }
 
+    /// Restarts with a main filter that has not processed a magnetic field yet and with an unknown
+    /// drift rate.
+    pub(super) fn restart(&mut self, settings: &Settings, drift_sd_rad_s: f64) {
+        let mut main = FieldFilter::new(settings);
+        main.reset(BETA, drift_sd_rad_s);
+        *self = Self { roughness: self.roughness, direction_invalidated: true, ..Self::new(main) };
+    }
+
     /// Subtracts a rate from the drift rate.
     pub(super) fn subtract_drift(&mut self, rate_rad_s: f64) {
         self.for_each_filter(|filter| filter.x[BETA] -= rate_rad_s);

@@ -19,6 +19,7 @@
 //!
 //! | file | content |
 //! | --- | --- |
+//! | `drift_monitor` | detection of a large drift |
 //! | `field_averager` | means of the field in the reference frame, with the attitude at the time of measurement |
 //! | `filter` | equations of one Kalman filter |
 //! | `vibration` | vibration detector |
@@ -55,6 +56,7 @@
 //! - The prior of the drift rate is smaller, 0.002 rad/s. The error is 4.7°, and the other errors
 //!   are unchanged.
 
+mod drift_monitor;
 mod field_averager;
 mod filter;
 mod hypothesis_test;
@@ -79,6 +81,7 @@ use crate::{
     state::{Attitude, wrapped_rad},
 };
 use {
+    drift_monitor::DriftMonitor,
     field_averager::{FieldAverager, IntervalMeans},
     filter::{BETA, DRIFT_SD_RAD_S, FieldFilter, Propagation, TAU},
     hypothesis_test::HypothesisTest,
@@ -114,9 +117,21 @@ const MAX_LINEAR_RAD: f64 = 0.3;
 const VIBRATION_SD_RAD: f64 = 0.06;
 /// Averaging time of the vibration, s.
 const VIBRATION_MEMORY_S: f64 = 10.0;
-/// Standard deviation above which the drift of the gyro heading counts as uncertain, rad/s (0.6
+/// Standard deviation above which the drift of the gyro heading counts as uncertain, rad/s (0.9
 /// °/s).
-const MAX_DRIFT_SD_RAD_S: f64 = 0.01;
+const MAX_DRIFT_SD_RAD_S: f64 = 0.015;
+/// Local fields in a building, as a fraction of the earth's field.
+///
+/// A moving body measures fields whose direction changes by 5 to 12° within seconds. Only while the
+/// drift is known do they differ clearly from a drift.
+const LOCAL_FIELD_FRACTION: f64 = 0.1;
+/// Time for which local fields stay correlated, s.
+const LOCAL_FIELD_CORRELATION_S: f64 = 3.0;
+/// Averaging time of the vertical in body axes, s. A drift is observed over about this time.
+const DRIFT_AXIS_MEMORY_S: f64 = 10.0;
+/// Smallest length of the mean vertical for which a drift is attributed to it. The body then keeps
+/// its vertical axis within about 60°.
+const MIN_DRIFT_AXIS: f64 = 0.5;
 /// Largest heading correction that is applied gradually, rad (1°). A larger one is a flagged jump.
 const MAX_SMOOTHED_RAD: f64 = 0.017_453_293;
 
@@ -127,6 +142,8 @@ pub(super) struct HeadingUpdate {
     pub(super) magnetic: bool,
     /// The heading jumps at this tick.
     pub(super) aligned: bool,
+    /// The gyro heading drifts faster than the heading filter considers possible.
+    pub(super) drifts: bool,
 }
 
 /// State of the heading.
@@ -158,6 +175,11 @@ pub(super) struct Heading {
     /// Standard deviation of the gyro heading's drift rate before the first magnetic field sample,
     /// rad/s.
     drift_sd_rad_s: f64,
+    /// Set while the assumed noise of the field includes local fields.
+    expects_local_fields: bool,
+    drift_monitor: DriftMonitor,
+    /// Mean of the vertical in body axes; zero before the first interval.
+    mean_up: Vector3<f64>,
     /// Set if the adopted heading refers to magnetic north.
     adopted_magnetic: bool,
     /// Set if the adopted heading refers to true north.
@@ -193,6 +215,9 @@ impl Heading {
             sd_rad: heading_sd_rad.min(PI),
             credible_sd_rad: heading_sd_rad.min(PI),
             drift_sd_rad_s: bias_sd_rad_s.min(DRIFT_SD_RAD_S),
+            expects_local_fields: false,
+            drift_monitor: DriftMonitor::default(),
+            mean_up: Vector3::zeros(),
             adopted_magnetic: reference == CourseReference::Magnetic,
             adopted_true: reference == CourseReference::True,
         }
@@ -255,26 +280,52 @@ impl Heading {
         }
     }
 
-    /// Handles a large change of the gyro bias, which invalidates the gyro heading and its drift.
-    /// `drift_sd_rad_s` is the standard deviation of the new bias about the vertical.
+    /// Handles a large change of a known gyro bias, which invalidates the gyro heading and its
+    /// drift. `drift_sd_rad_s` is the standard deviation of the new bias about the vertical.
     pub(super) fn invalidate_by_drift(&mut self, drift_sd_rad_s: f64) {
         self.realign();
         self.hypothesis_test.reset_drift(drift_sd_rad_s);
+        self.mean_up = Vector3::zeros();
+    }
+
+    /// Handles a large gyro bias that has been present from the start.
+    ///
+    /// Everything derived from the magnetic field so far is then invalid. `drift_sd_rad_s` is the
+    /// standard deviation of the unknown drift.
+    pub(super) fn restart_after_drift(&mut self, drift_sd_rad_s: f64, settings: &Settings) {
+        self.invalidate_by_drift(drift_sd_rad_s);
+        self.hypothesis_test.restart(settings, drift_sd_rad_s);
+    }
+
+    /// Increases the assumed noise of the field by local fields until the drift is known.
+    ///
+    /// After a large bias about a horizontal axis, the level still changes. The filter would
+    /// otherwise mistake local fields for a drift of several °/s, and then reject the true field.
+    pub(super) fn expect_local_fields(&mut self) {
+        self.expects_local_fields = true;
     }
 
     /// Returns the drift of the gyro heading.
     ///
     /// Returns `None` if the drift is uncertain or the last magnetic field was rejected.
     pub(super) fn drift(&self) -> Option<Drift> {
-        let is_known = self.started && self.heading_known && !self.disturbed;
+        let has_axis = self.mean_up.norm_squared() > MIN_DRIFT_AXIS * MIN_DRIFT_AXIS;
+        let is_known = self.started && self.heading_known && !self.disturbed && has_axis;
         is_known
-            .then(|| self.hypothesis_test.main.drift())
+            .then(|| self.hypothesis_test.main.drift(self.mean_up))
             .filter(|drift| drift.variance_rad2_s2 < MAX_DRIFT_SD_RAD_S * MAX_DRIFT_SD_RAD_S)
+    }
+
+    /// Handles a bias about the vertical that the force has shown, for example because the body has
+    /// turned over. The drift then counts as known.
+    pub(super) fn accept_drift(&mut self) {
+        self.expects_local_fields = false;
     }
 
     /// Subtracts a rate from the drift, because the gyro bias now contains it.
     pub(super) fn subtract_drift(&mut self, rate_rad_s: f64) {
         self.hypothesis_test.subtract_drift(rate_rad_s);
+        self.expects_local_fields = false;
     }
 
     /// Handles a bias that was found at rest to be far from its estimate.
@@ -282,6 +333,7 @@ impl Heading {
     /// The gyro heading and its drift are then invalid.
     pub(super) fn invalidate_at_rest(&mut self) {
         self.realign();
+        self.expects_local_fields = false;
         self.hypothesis_test.on_first_rest();
     }
 
@@ -289,6 +341,7 @@ impl Heading {
     fn invalidate_heading(&mut self) {
         self.hypothesis_test.invalidate_direction();
         self.rest_site = RestSite::default();
+        self.drift_monitor = DriftMonitor::default();
         self.settling_tilt_rad = SETTLING_TILT_RAD;
     }
 
@@ -335,6 +388,7 @@ impl Heading {
         let vibrating = if interval.is_vibrating { 1.0 } else { 0.0 };
         let gain = (interval.duration_s / VIBRATION_MEMORY_S).min(1.0);
         self.vibrating_fraction += (vibrating - self.vibrating_fraction) * gain;
+        self.expects_local_fields &= !interval.at_rest;
         if interval.at_rest && !self.has_rested {
             self.has_rested = true;
             self.hypothesis_test.on_first_rest();
@@ -349,8 +403,9 @@ impl Heading {
                 return HeadingUpdate::default();
             }
             self.hypothesis_test.predict(&Propagation::from_interval(interval, motion_changed));
-            return HeadingUpdate { magnetic: false, aligned: self.update_correction() };
+            return HeadingUpdate { aligned: self.update_correction(), ..HeadingUpdate::default() };
         }
+        self.average_up(interval);
         let [x, y, z] = interval.field_ut;
         let strength_ut = libm::sqrt(x * x + y * y + z * z);
         let first = !self.started;
@@ -360,9 +415,12 @@ impl Heading {
         }
         let rate_noise_ut = NOISE_PER_RATE_S * strength_ut * interval.rate_rms_rad_s;
         let settling_noise_ut = self.settling_tilt_rad * strength_ut;
-        let variance_ut2 = NOISE_UT * NOISE_UT / interval.windows
+        let mut variance_ut2 = NOISE_UT * NOISE_UT / interval.windows
             + rate_noise_ut * rate_noise_ut
             + settling_noise_ut * settling_noise_ut;
+        if self.expects_local_fields {
+            variance_ut2 += Self::local_field_density_ut2_s(strength_ut) / interval.duration_s;
+        }
         if self.settling_tilt_rad > 0.0 {
             self.settling_tilt_rad *= libm::exp(-interval.duration_s / SETTLING_S);
             self.settling_tilt_rad =
@@ -379,7 +437,24 @@ impl Heading {
         } else if outcome.accepted && interval.at_rest {
             self.update_rest_site(interval);
         }
-        HeadingUpdate { magnetic: !self.disturbed, aligned: self.update_correction() }
+        // The first rest shows the bias.
+        let drifts =
+            !self.has_rested && self.drift_monitor.observe(interval, Self::local_field_density_ut2_s(strength_ut));
+        HeadingUpdate { magnetic: !self.disturbed, aligned: self.update_correction(), drifts }
+    }
+
+    /// Returns the spectral density of the local fields in a field of the given strength, µT² s.
+    fn local_field_density_ut2_s(strength_ut: f64) -> f64 {
+        let local_field_ut = LOCAL_FIELD_FRACTION * strength_ut;
+        local_field_ut * local_field_ut * LOCAL_FIELD_CORRELATION_S
+    }
+
+    /// Averages the vertical in body axes.
+    fn average_up(&mut self, interval: &IntervalMeans) {
+        let up = Vector3::from(interval.axes[2]);
+        let is_first = self.mean_up == Vector3::zeros();
+        let gain = if is_first { 1.0 } else { (interval.duration_s / DRIFT_AXIS_MEMORY_S).min(1.0) };
+        self.mean_up += (up - self.mean_up) * gain;
     }
 
     /// Processes an interval at rest.
@@ -413,7 +488,7 @@ impl Heading {
         self.hypothesis_test.start(interval, settings.magnetometer_delay_s, variance_ut2);
         self.started = true;
         let aligned = self.update_correction();
-        HeadingUpdate { magnetic: true, aligned }
+        HeadingUpdate { magnetic: true, aligned, drifts: false }
     }
 
     /// Sets the heading correction to that of the main hypothesis. Returns `true` if the heading
@@ -446,6 +521,7 @@ impl Heading {
         self.field_averager
             .validation_error()
             .or_else(|| self.rest_site.validation_error())
+            .or_else(|| self.drift_monitor.validation_error())
             .or((!bounds).then_some("a heading or deviation out of range"))
             .or_else(|| self.hypothesis_test.validation_error())
     }
@@ -453,5 +529,6 @@ impl Heading {
 
 scalars!(Heading:
     field_averager, hypothesis_test, rest_site, was_at_rest, started, heading_known, has_rested, vibrating_fraction, disturbed,
-    adopted_magnetic, adopted_true, settling_tilt_rad, correction_rad, pending_rad, sd_rad, credible_sd_rad, drift_sd_rad_s
+    expects_local_fields, drift_monitor, mean_up, adopted_magnetic, adopted_true, settling_tilt_rad, correction_rad,
+    pending_rad, sd_rad, credible_sd_rad, drift_sd_rad_s
 );
