@@ -210,10 +210,10 @@ impl Conditioner {
         let (rate_rad_s, rate_flags) = self.rate.check(reading.rate_rad_s, gyro, dt_ns);
         let (force_m_s2, force_flags) = self.force.check(reading.force_m_s2, accel, dt_ns);
         let is_rate_lost = self.rate.invalid_ns > self.gap_ns;
-        let rate_rad_s = if is_rate_lost { [0.0; 3] } else { gyro.to_body(rate_rad_s) };
-        let force_m_s2 = accel.to_body(force_m_s2);
+        let rate_rad_s = if is_rate_lost { [0.0; 3] } else { gyro.in_body_axes(rate_rad_s) };
+        let force_m_s2 = accel.in_body_axes(force_m_s2);
         let (field_ut, field_flags) = self.field.check(reading.field_ut, mag);
-        let field_ut = field_ut.map(|field_ut| mag.to_body(field_ut));
+        let field_ut = field_ut.map(|field_ut| mag.in_body_axes(field_ut));
         let (fix, fix_flags) = check_fix(self.pending_fix.take());
         let rejected = Flags::REFUSED_BEFORE.when(core::mem::take(&mut self.rejected_before));
         let value_flags = rate_flags | force_flags | field_flags | fix_flags;

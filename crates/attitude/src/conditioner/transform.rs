@@ -41,7 +41,7 @@ impl SensorTransform {
 
     /// Returns a value in body axes.
     #[inline]
-    pub(super) fn to_body(&self, value: [f64; 3]) -> [f64; 3] {
+    pub(super) fn in_body_axes(&self, value: [f64; 3]) -> [f64; 3] {
         if self.is_identity {
             // Like the product with the matrices, the sum with 0 is never −0.
             return value.map(|component| component + 0.0);

@@ -36,8 +36,8 @@ type Row = [f64; COUNT];
 
 /// Covariance of the error state. It is symmetric, and both halves are stored.
 ///
-/// Plain arrays are used because the compiler vectorises the loops over a row, but not those over a
-/// view of a nalgebra matrix.
+/// Plain arrays are used because their loops need fewer instructions than views of a nalgebra
+/// matrix.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct Covariance([Row; COUNT]);
 
@@ -118,12 +118,11 @@ impl Covariance {
         }
         for i in 0..COUNT {
             p[i][i] += noise[i];
-            for j in 0..i.min(GYRO) {
+            (0..i.min(GYRO)).for_each(|j| {
                 let above = p[j][i];
                 let mean = if i < GYRO { 0.5 * (p[i][j] + above) } else { above };
-                p[i][j] = mean;
-                p[j][i] = mean;
-            }
+                (p[i][j], p[j][i]) = (mean, mean);
+            });
         }
     }
 
@@ -157,9 +156,10 @@ impl Covariance {
         }
         error.iter_mut().zip(gain).for_each(|(error, gain)| *error += gain * innovation);
         for i in 0..COUNT {
-            let row = &mut self.0[i];
-            for j in 0..COUNT {
-                row[j] -= gain[i] * p_h[j] + p_h[i] * gain[j] - gain[i] * gain[j] * innovation_variance;
+            for j in i..COUNT {
+                let reduction = gain[i] * p_h[j] + p_h[i] * gain[j] - gain[i] * gain[j] * innovation_variance;
+                self.0[i][j] -= reduction;
+                self.0[j][i] = self.0[i][j];
             }
         }
         normalised
@@ -196,16 +196,16 @@ impl Covariance {
         }
         let mut remainder = self.0;
         for k in 0..COUNT {
-            let pivot = remainder[k][k];
+            let pivot_row = remainder[k];
+            let pivot = pivot_row[k];
             let rounding = 1e-9 * self.variance(k);
             if pivot < -rounding {
                 return Some("a covariance that is not positive");
             }
-            for i in k + 1..COUNT {
-                let factor = if pivot > rounding { remainder[i][k] / pivot } else { 0.0 };
-                for j in k + 1..COUNT {
-                    remainder[i][j] -= factor * remainder[k][j];
-                }
+            for row in remainder.iter_mut().skip(k + 1) {
+                let factor = if pivot > rounding { row[k] / pivot } else { 0.0 };
+                let parts = row.iter_mut().zip(pivot_row).skip(k + 1);
+                parts.for_each(|(part, pivot_part)| *part -= factor * pivot_part);
             }
         }
         None
