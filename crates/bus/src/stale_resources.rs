@@ -23,6 +23,10 @@ use crate::{
 /// nodes.
 const RESERVED_KINDS: [&str; 2] = ["dynamic", "global_mgmt"];
 
+/// Longest time between the creation of a segment and the setting of its size. A creator can lose
+/// the processor in between.
+const CREATION_TIMEOUT: Duration = Duration::from_secs(2);
+
 /// Files of one system and their state.
 #[derive(Debug)]
 pub struct StaleResources {
@@ -211,19 +215,24 @@ impl SystemName {
 
     /// Returns a segment without a size, if there is one.
     ///
-    /// The creator of the segment was killed before it set the size. Opening such a segment would
-    /// block forever.
+    /// The creator of the segment was killed before it set the size, or has not done so for
+    /// [`CREATION_TIMEOUT`]. Opening such a segment would block until the size is set.
     pub(crate) fn incomplete_segment(&self) -> Option<PathBuf> {
         let is_empty = |path: &PathBuf| {
             let made = path.extension().is_some_and(|kind| kind == "dynamic" || kind == "connection" || kind == "data");
             made && fs::symlink_metadata(path).is_ok_and(|segment| segment.len() == 0)
         };
+        // The creator keeps the segment open until it has set the size.
+        let is_abandoned = |path: &PathBuf| pids_with_open(path).is_empty() && is_empty(path);
         let mut suspects: Vec<_> = self.files().into_iter().filter(is_empty).collect();
-        let deadline = Instant::now() + OWNER_START_TIMEOUT;
+        let start = Instant::now();
         // A segment that is still being created has a size at one of the next checks.
-        while !suspects.is_empty() && Instant::now() < deadline {
+        while !suspects.is_empty() && start.elapsed() < CREATION_TIMEOUT {
             std::thread::sleep(POLL_INTERVAL);
             suspects.retain(is_empty);
+            if start.elapsed() >= OWNER_START_TIMEOUT && suspects.iter().any(is_abandoned) {
+                break;
+            }
         }
         suspects.pop()
     }

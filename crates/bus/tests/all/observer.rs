@@ -128,6 +128,22 @@ fn incomplete_segment_is_reported_without_blocking() {
 }
 
 #[test]
+fn segment_that_is_being_created_is_awaited() {
+    let System { bus, system_name, claim: _claim } = &system();
+    let _publisher = bus.publisher::<ImuSample>(BUFFER).unwrap();
+    let path = PathBuf::from(format!("/dev/shm/plumbline.{}.1_2_3.data", system_name.name()));
+    fs::write(&path, "").unwrap();
+    // The creator sets the size later than an abandoned segment is reported.
+    let mut command = Command::new("sh");
+    command.args(["-c", "sleep 0.4; head -c 8 /dev/zero"]).stdout(fs::File::create(&path).unwrap());
+    let mut creator = command.spawn().unwrap();
+    drop(command);
+    Observer::attach(system_name, "test").unwrap().tap(Topic::Imu).map(drop).unwrap();
+    assert!(fs::metadata(&path).unwrap().len() > 0, "the tap did not wait");
+    creator.wait().unwrap();
+}
+
+#[test]
 fn incomplete_connection_is_removed_once_unused() {
     let System { bus, system_name, claim: _claim } = &system();
     let _publisher = bus.publisher::<ImuSample>(BUFFER).unwrap();
