@@ -66,11 +66,11 @@ const MIN_DISTANCE2_FROM_KNOWN: f64 = 160.0;
 /// The distance is scaled as in [`MIN_DISTANCE2`]. If the errors of the three components are
 /// normally distributed, 0.1 % of the distances exceed this value.
 const SUSPECTED_DISTANCE2: f64 = 16.0;
-/// Largest part of the level error that the second filter has not estimated, if its bias explains a
-/// tilt fault.
+/// Largest fraction of the level error that may be missing from the second filter's tilt error, if
+/// the filter's bias explains a tilt fault.
 ///
-/// It is a fraction of the level error. With a bias of 10 °/s on each axis, fractions from 0.5 to
-/// 0.7 find the bias in 40 of 40 runs, and 0.3 in 36. After a clipped force, the part is 0.95.
+/// With a bias of 10 °/s on each axis, limits from 0.5 to 0.7 find the bias in 40 of 40 runs, and
+/// 0.3 in 36. After a clipped force, the fraction is 0.95.
 const MAX_UNEXPLAINED_FRACTION: f64 = 0.6;
 /// Time for which the biases of the two filters must differ, s.
 const MIN_APART_S: f64 = 2.0 - 1e-6;

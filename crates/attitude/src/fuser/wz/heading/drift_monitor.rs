@@ -49,9 +49,8 @@ pub(super) struct DriftMonitor {
     direction_variance_rad2: f64,
     covariance_rad2_s: f64,
     rate_variance_rad2_s2: f64,
-    /// Angle by which the field has turned in one direction, rad.
-    ///
-    /// It is zero while the rate is below [`MIN_RATE_RAD_S`].
+    /// Angle by which the field has turned in one direction, rad; zero while the rate is below
+    /// [`MIN_RATE_RAD_S`].
     turn_rad: f64,
     /// Mean strength of the horizontal field, µT.
     horizontal_ut: f64,
