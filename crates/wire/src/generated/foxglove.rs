@@ -85,28 +85,4 @@ pub mod location_fix {
         DiagonalKnown = 2,
         Known = 3,
     }
-    impl PositionCovarianceType {
-        /// String value of the enum field names used in the ProtoBuf definition.
-        ///
-        /// The values are not transformed in any way and thus are considered stable
-        /// (if the ProtoBuf definition does not change) and safe for programmatic use.
-        pub fn as_str_name(&self) -> &'static str {
-            match self {
-                Self::Unknown => "UNKNOWN",
-                Self::Approximated => "APPROXIMATED",
-                Self::DiagonalKnown => "DIAGONAL_KNOWN",
-                Self::Known => "KNOWN",
-            }
-        }
-        /// Creates an enum from field names used in the ProtoBuf definition.
-        pub fn from_str_name(value: &str) -> ::core::option::Option<Self> {
-            match value {
-                "UNKNOWN" => Some(Self::Unknown),
-                "APPROXIMATED" => Some(Self::Approximated),
-                "DIAGONAL_KNOWN" => Some(Self::DiagonalKnown),
-                "KNOWN" => Some(Self::Known),
-                _ => None,
-            }
-        }
-    }
 }

@@ -54,28 +54,6 @@ pub enum Chart {
     Upright = 1,
     Inverted = 2,
 }
-impl Chart {
-    /// String value of the enum field names used in the ProtoBuf definition.
-    ///
-    /// The values are not transformed in any way and thus are considered stable
-    /// (if the ProtoBuf definition does not change) and safe for programmatic use.
-    pub fn as_str_name(&self) -> &'static str {
-        match self {
-            Self::Unspecified => "CHART_UNSPECIFIED",
-            Self::Upright => "CHART_UPRIGHT",
-            Self::Inverted => "CHART_INVERTED",
-        }
-    }
-    /// Creates an enum from field names used in the ProtoBuf definition.
-    pub fn from_str_name(value: &str) -> ::core::option::Option<Self> {
-        match value {
-            "CHART_UNSPECIFIED" => Some(Self::Unspecified),
-            "CHART_UPRIGHT" => Some(Self::Upright),
-            "CHART_INVERTED" => Some(Self::Inverted),
-            _ => None,
-        }
-    }
-}
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord, ::prost::Enumeration)]
 #[repr(i32)]
 pub enum CourseReference {
@@ -83,30 +61,6 @@ pub enum CourseReference {
     Arbitrary = 1,
     Magnetic = 2,
     True = 3,
-}
-impl CourseReference {
-    /// String value of the enum field names used in the ProtoBuf definition.
-    ///
-    /// The values are not transformed in any way and thus are considered stable
-    /// (if the ProtoBuf definition does not change) and safe for programmatic use.
-    pub fn as_str_name(&self) -> &'static str {
-        match self {
-            Self::Unspecified => "COURSE_REFERENCE_UNSPECIFIED",
-            Self::Arbitrary => "COURSE_REFERENCE_ARBITRARY",
-            Self::Magnetic => "COURSE_REFERENCE_MAGNETIC",
-            Self::True => "COURSE_REFERENCE_TRUE",
-        }
-    }
-    /// Creates an enum from field names used in the ProtoBuf definition.
-    pub fn from_str_name(value: &str) -> ::core::option::Option<Self> {
-        match value {
-            "COURSE_REFERENCE_UNSPECIFIED" => Some(Self::Unspecified),
-            "COURSE_REFERENCE_ARBITRARY" => Some(Self::Arbitrary),
-            "COURSE_REFERENCE_MAGNETIC" => Some(Self::Magnetic),
-            "COURSE_REFERENCE_TRUE" => Some(Self::True),
-            _ => None,
-        }
-    }
 }
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord, ::prost::Enumeration)]
 #[repr(i32)]
@@ -117,60 +71,12 @@ pub enum Frame {
     NwuFlu = 3,
     NedFrd = 4,
 }
-impl Frame {
-    /// String value of the enum field names used in the ProtoBuf definition.
-    ///
-    /// The values are not transformed in any way and thus are considered stable
-    /// (if the ProtoBuf definition does not change) and safe for programmatic use.
-    pub fn as_str_name(&self) -> &'static str {
-        match self {
-            Self::Unspecified => "FRAME_UNSPECIFIED",
-            Self::EnuRfu => "FRAME_ENU_RFU",
-            Self::EnuFlu => "FRAME_ENU_FLU",
-            Self::NwuFlu => "FRAME_NWU_FLU",
-            Self::NedFrd => "FRAME_NED_FRD",
-        }
-    }
-    /// Creates an enum from field names used in the ProtoBuf definition.
-    pub fn from_str_name(value: &str) -> ::core::option::Option<Self> {
-        match value {
-            "FRAME_UNSPECIFIED" => Some(Self::Unspecified),
-            "FRAME_ENU_RFU" => Some(Self::EnuRfu),
-            "FRAME_ENU_FLU" => Some(Self::EnuFlu),
-            "FRAME_NWU_FLU" => Some(Self::NwuFlu),
-            "FRAME_NED_FRD" => Some(Self::NedFrd),
-            _ => None,
-        }
-    }
-}
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord, ::prost::Enumeration)]
 #[repr(i32)]
 pub enum QuaternionOrder {
     Unspecified = 0,
     Wxyz = 1,
     Xyzw = 2,
-}
-impl QuaternionOrder {
-    /// String value of the enum field names used in the ProtoBuf definition.
-    ///
-    /// The values are not transformed in any way and thus are considered stable
-    /// (if the ProtoBuf definition does not change) and safe for programmatic use.
-    pub fn as_str_name(&self) -> &'static str {
-        match self {
-            Self::Unspecified => "QUATERNION_ORDER_UNSPECIFIED",
-            Self::Wxyz => "QUATERNION_ORDER_WXYZ",
-            Self::Xyzw => "QUATERNION_ORDER_XYZW",
-        }
-    }
-    /// Creates an enum from field names used in the ProtoBuf definition.
-    pub fn from_str_name(value: &str) -> ::core::option::Option<Self> {
-        match value {
-            "QUATERNION_ORDER_UNSPECIFIED" => Some(Self::Unspecified),
-            "QUATERNION_ORDER_WXYZ" => Some(Self::Wxyz),
-            "QUATERNION_ORDER_XYZW" => Some(Self::Xyzw),
-            _ => None,
-        }
-    }
 }
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord, ::prost::Enumeration)]
 #[repr(i32)]
@@ -185,40 +91,6 @@ pub enum Service {
     Drivers = 7,
     Cockpit = 8,
 }
-impl Service {
-    /// String value of the enum field names used in the ProtoBuf definition.
-    ///
-    /// The values are not transformed in any way and thus are considered stable
-    /// (if the ProtoBuf definition does not change) and safe for programmatic use.
-    pub fn as_str_name(&self) -> &'static str {
-        match self {
-            Self::Unspecified => "SERVICE_UNSPECIFIED",
-            Self::Ingest => "SERVICE_INGEST",
-            Self::Gyro => "SERVICE_GYRO",
-            Self::Accel => "SERVICE_ACCEL",
-            Self::Fuser => "SERVICE_FUSER",
-            Self::Course => "SERVICE_COURSE",
-            Self::Gateway => "SERVICE_GATEWAY",
-            Self::Drivers => "SERVICE_DRIVERS",
-            Self::Cockpit => "SERVICE_COCKPIT",
-        }
-    }
-    /// Creates an enum from field names used in the ProtoBuf definition.
-    pub fn from_str_name(value: &str) -> ::core::option::Option<Self> {
-        match value {
-            "SERVICE_UNSPECIFIED" => Some(Self::Unspecified),
-            "SERVICE_INGEST" => Some(Self::Ingest),
-            "SERVICE_GYRO" => Some(Self::Gyro),
-            "SERVICE_ACCEL" => Some(Self::Accel),
-            "SERVICE_FUSER" => Some(Self::Fuser),
-            "SERVICE_COURSE" => Some(Self::Course),
-            "SERVICE_GATEWAY" => Some(Self::Gateway),
-            "SERVICE_DRIVERS" => Some(Self::Drivers),
-            "SERVICE_COCKPIT" => Some(Self::Cockpit),
-            _ => None,
-        }
-    }
-}
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord, ::prost::Enumeration)]
 #[repr(i32)]
 pub enum State {
@@ -227,32 +99,6 @@ pub enum State {
     Ready = 2,
     Running = 3,
     Finished = 4,
-}
-impl State {
-    /// String value of the enum field names used in the ProtoBuf definition.
-    ///
-    /// The values are not transformed in any way and thus are considered stable
-    /// (if the ProtoBuf definition does not change) and safe for programmatic use.
-    pub fn as_str_name(&self) -> &'static str {
-        match self {
-            Self::Unspecified => "STATE_UNSPECIFIED",
-            Self::Starting => "STATE_STARTING",
-            Self::Ready => "STATE_READY",
-            Self::Running => "STATE_RUNNING",
-            Self::Finished => "STATE_FINISHED",
-        }
-    }
-    /// Creates an enum from field names used in the ProtoBuf definition.
-    pub fn from_str_name(value: &str) -> ::core::option::Option<Self> {
-        match value {
-            "STATE_UNSPECIFIED" => Some(Self::Unspecified),
-            "STATE_STARTING" => Some(Self::Starting),
-            "STATE_READY" => Some(Self::Ready),
-            "STATE_RUNNING" => Some(Self::Running),
-            "STATE_FINISHED" => Some(Self::Finished),
-            _ => None,
-        }
-    }
 }
 #[derive(Clone, Copy, PartialEq, ::prost::Message)]
 pub struct Measurement {
@@ -625,60 +471,6 @@ pub enum EventKind {
     Ending = 17,
     Finished = 18,
 }
-impl EventKind {
-    /// String value of the enum field names used in the ProtoBuf definition.
-    ///
-    /// The values are not transformed in any way and thus are considered stable
-    /// (if the ProtoBuf definition does not change) and safe for programmatic use.
-    pub fn as_str_name(&self) -> &'static str {
-        match self {
-            Self::Unspecified => "EVENT_KIND_UNSPECIFIED",
-            Self::Started => "EVENT_KIND_STARTED",
-            Self::Warm => "EVENT_KIND_WARM",
-            Self::Ready => "EVENT_KIND_READY",
-            Self::Ended => "EVENT_KIND_ENDED",
-            Self::Restarted => "EVENT_KIND_RESTARTED",
-            Self::GivenUp => "EVENT_KIND_GIVEN_UP",
-            Self::SwapRequested => "EVENT_KIND_SWAP_REQUESTED",
-            Self::ShadowRequested => "EVENT_KIND_SHADOW_REQUESTED",
-            Self::Candidate => "EVENT_KIND_CANDIDATE",
-            Self::Owner => "EVENT_KIND_OWNER",
-            Self::Swapped => "EVENT_KIND_SWAPPED",
-            Self::Refused => "EVENT_KIND_REFUSED",
-            Self::Aborted => "EVENT_KIND_ABORTED",
-            Self::Lost => "EVENT_KIND_LOST",
-            Self::NotRecorded => "EVENT_KIND_NOT_RECORDED",
-            Self::BusRenewed => "EVENT_KIND_BUS_RENEWED",
-            Self::Ending => "EVENT_KIND_ENDING",
-            Self::Finished => "EVENT_KIND_FINISHED",
-        }
-    }
-    /// Creates an enum from field names used in the ProtoBuf definition.
-    pub fn from_str_name(value: &str) -> ::core::option::Option<Self> {
-        match value {
-            "EVENT_KIND_UNSPECIFIED" => Some(Self::Unspecified),
-            "EVENT_KIND_STARTED" => Some(Self::Started),
-            "EVENT_KIND_WARM" => Some(Self::Warm),
-            "EVENT_KIND_READY" => Some(Self::Ready),
-            "EVENT_KIND_ENDED" => Some(Self::Ended),
-            "EVENT_KIND_RESTARTED" => Some(Self::Restarted),
-            "EVENT_KIND_GIVEN_UP" => Some(Self::GivenUp),
-            "EVENT_KIND_SWAP_REQUESTED" => Some(Self::SwapRequested),
-            "EVENT_KIND_SHADOW_REQUESTED" => Some(Self::ShadowRequested),
-            "EVENT_KIND_CANDIDATE" => Some(Self::Candidate),
-            "EVENT_KIND_OWNER" => Some(Self::Owner),
-            "EVENT_KIND_SWAPPED" => Some(Self::Swapped),
-            "EVENT_KIND_REFUSED" => Some(Self::Refused),
-            "EVENT_KIND_ABORTED" => Some(Self::Aborted),
-            "EVENT_KIND_LOST" => Some(Self::Lost),
-            "EVENT_KIND_NOT_RECORDED" => Some(Self::NotRecorded),
-            "EVENT_KIND_BUS_RENEWED" => Some(Self::BusRenewed),
-            "EVENT_KIND_ENDING" => Some(Self::Ending),
-            "EVENT_KIND_FINISHED" => Some(Self::Finished),
-            _ => None,
-        }
-    }
-}
 #[derive(Clone, Copy, PartialEq, Eq, Hash, ::prost::Message)]
 pub struct Envelope {
     #[prost(uint64, tag = "1")]
@@ -744,125 +536,6 @@ pub struct Rejections {
     pub not_finite: u64,
     #[prost(uint64, tag = "6")]
     pub out_of_range: u64,
-}
-#[derive(Clone, PartialEq, ::prost::Message)]
-pub struct SensorReadingBatch {
-    #[prost(message, optional, tag = "1")]
-    pub envelope: ::core::option::Option<Envelope>,
-    #[prost(message, repeated, tag = "2")]
-    pub samples: ::prost::alloc::vec::Vec<SensorReading>,
-}
-#[derive(Clone, PartialEq, ::prost::Message)]
-pub struct ReceiverReadingBatch {
-    #[prost(message, optional, tag = "1")]
-    pub envelope: ::core::option::Option<Envelope>,
-    #[prost(message, repeated, tag = "2")]
-    pub samples: ::prost::alloc::vec::Vec<ReceiverReading>,
-}
-#[derive(Clone, PartialEq, ::prost::Message)]
-pub struct ImuSampleBatch {
-    #[prost(message, optional, tag = "1")]
-    pub envelope: ::core::option::Option<Envelope>,
-    #[prost(message, repeated, tag = "2")]
-    pub samples: ::prost::alloc::vec::Vec<ImuSample>,
-}
-#[derive(Clone, PartialEq, ::prost::Message)]
-pub struct MagSampleBatch {
-    #[prost(message, optional, tag = "1")]
-    pub envelope: ::core::option::Option<Envelope>,
-    #[prost(message, repeated, tag = "2")]
-    pub samples: ::prost::alloc::vec::Vec<MagSample>,
-}
-#[derive(Clone, PartialEq, ::prost::Message)]
-pub struct GnssFixBatch {
-    #[prost(message, optional, tag = "1")]
-    pub envelope: ::core::option::Option<Envelope>,
-    #[prost(message, repeated, tag = "2")]
-    pub samples: ::prost::alloc::vec::Vec<GnssFix>,
-}
-#[derive(Clone, PartialEq, ::prost::Message)]
-pub struct ReferenceBatch {
-    #[prost(message, optional, tag = "1")]
-    pub envelope: ::core::option::Option<Envelope>,
-    #[prost(message, repeated, tag = "2")]
-    pub samples: ::prost::alloc::vec::Vec<Reference>,
-}
-#[derive(Clone, PartialEq, ::prost::Message)]
-pub struct TakenReadingBatch {
-    #[prost(message, optional, tag = "1")]
-    pub envelope: ::core::option::Option<Envelope>,
-    #[prost(message, repeated, tag = "2")]
-    pub samples: ::prost::alloc::vec::Vec<TakenReading>,
-}
-#[derive(Clone, PartialEq, ::prost::Message)]
-pub struct GyroStepBatch {
-    #[prost(message, optional, tag = "1")]
-    pub envelope: ::core::option::Option<Envelope>,
-    #[prost(message, repeated, tag = "2")]
-    pub samples: ::prost::alloc::vec::Vec<GyroStep>,
-}
-#[derive(Clone, PartialEq, ::prost::Message)]
-pub struct AccelPointBatch {
-    #[prost(message, optional, tag = "1")]
-    pub envelope: ::core::option::Option<Envelope>,
-    #[prost(message, repeated, tag = "2")]
-    pub samples: ::prost::alloc::vec::Vec<AccelPoint>,
-}
-#[derive(Clone, PartialEq, ::prost::Message)]
-pub struct FusedStateBatch {
-    #[prost(message, optional, tag = "1")]
-    pub envelope: ::core::option::Option<Envelope>,
-    #[prost(message, repeated, tag = "2")]
-    pub samples: ::prost::alloc::vec::Vec<FusedState>,
-}
-#[derive(Clone, PartialEq, ::prost::Message)]
-pub struct AttitudeOutputBatch {
-    #[prost(message, optional, tag = "1")]
-    pub envelope: ::core::option::Option<Envelope>,
-    #[prost(message, repeated, tag = "2")]
-    pub samples: ::prost::alloc::vec::Vec<AttitudeOutput>,
-}
-#[derive(Clone, PartialEq, ::prost::Message)]
-pub struct CreditBatch {
-    #[prost(message, optional, tag = "1")]
-    pub envelope: ::core::option::Option<Envelope>,
-    #[prost(message, repeated, tag = "2")]
-    pub samples: ::prost::alloc::vec::Vec<Credit>,
-}
-#[derive(Clone, PartialEq, ::prost::Message)]
-pub struct CheckpointBatch {
-    #[prost(message, optional, tag = "1")]
-    pub envelope: ::core::option::Option<Envelope>,
-    #[prost(message, repeated, tag = "2")]
-    pub samples: ::prost::alloc::vec::Vec<Checkpoint>,
-}
-#[derive(Clone, PartialEq, ::prost::Message)]
-pub struct DifferenceBatch {
-    #[prost(message, optional, tag = "1")]
-    pub envelope: ::core::option::Option<Envelope>,
-    #[prost(message, repeated, tag = "2")]
-    pub samples: ::prost::alloc::vec::Vec<Difference>,
-}
-#[derive(Clone, PartialEq, ::prost::Message)]
-pub struct ControlBatch {
-    #[prost(message, optional, tag = "1")]
-    pub envelope: ::core::option::Option<Envelope>,
-    #[prost(message, repeated, tag = "2")]
-    pub samples: ::prost::alloc::vec::Vec<Control>,
-}
-#[derive(Clone, PartialEq, ::prost::Message)]
-pub struct HealthBatch {
-    #[prost(message, optional, tag = "1")]
-    pub envelope: ::core::option::Option<Envelope>,
-    #[prost(message, repeated, tag = "2")]
-    pub samples: ::prost::alloc::vec::Vec<Health>,
-}
-#[derive(Clone, PartialEq, ::prost::Message)]
-pub struct SystemEventBatch {
-    #[prost(message, optional, tag = "1")]
-    pub envelope: ::core::option::Option<Envelope>,
-    #[prost(message, repeated, tag = "2")]
-    pub samples: ::prost::alloc::vec::Vec<SystemEvent>,
 }
 #[derive(Clone, PartialEq, ::prost::Message)]
 pub struct Services {
@@ -965,32 +638,6 @@ pub mod swap_answer {
         Refused = 2,
         Aborted = 3,
         Unknown = 4,
-    }
-    impl Outcome {
-        /// String value of the enum field names used in the ProtoBuf definition.
-        ///
-        /// The values are not transformed in any way and thus are considered stable
-        /// (if the ProtoBuf definition does not change) and safe for programmatic use.
-        pub fn as_str_name(&self) -> &'static str {
-            match self {
-                Self::Unspecified => "OUTCOME_UNSPECIFIED",
-                Self::Committed => "OUTCOME_COMMITTED",
-                Self::Refused => "OUTCOME_REFUSED",
-                Self::Aborted => "OUTCOME_ABORTED",
-                Self::Unknown => "OUTCOME_UNKNOWN",
-            }
-        }
-        /// Creates an enum from field names used in the ProtoBuf definition.
-        pub fn from_str_name(value: &str) -> ::core::option::Option<Self> {
-            match value {
-                "OUTCOME_UNSPECIFIED" => Some(Self::Unspecified),
-                "OUTCOME_COMMITTED" => Some(Self::Committed),
-                "OUTCOME_REFUSED" => Some(Self::Refused),
-                "OUTCOME_ABORTED" => Some(Self::Aborted),
-                "OUTCOME_UNKNOWN" => Some(Self::Unknown),
-                _ => None,
-            }
-        }
     }
 }
 #[derive(Clone, PartialEq, ::prost::Message)]
@@ -1127,34 +774,6 @@ pub mod system_status {
         Recording = 4,
         Unselected = 5,
     }
-    impl State {
-        /// String value of the enum field names used in the ProtoBuf definition.
-        ///
-        /// The values are not transformed in any way and thus are considered stable
-        /// (if the ProtoBuf definition does not change) and safe for programmatic use.
-        pub fn as_str_name(&self) -> &'static str {
-            match self {
-                Self::Unspecified => "STATE_UNSPECIFIED",
-                Self::Connecting => "STATE_CONNECTING",
-                Self::Live => "STATE_LIVE",
-                Self::Ended => "STATE_ENDED",
-                Self::Recording => "STATE_RECORDING",
-                Self::Unselected => "STATE_UNSELECTED",
-            }
-        }
-        /// Creates an enum from field names used in the ProtoBuf definition.
-        pub fn from_str_name(value: &str) -> ::core::option::Option<Self> {
-            match value {
-                "STATE_UNSPECIFIED" => Some(Self::Unspecified),
-                "STATE_CONNECTING" => Some(Self::Connecting),
-                "STATE_LIVE" => Some(Self::Live),
-                "STATE_ENDED" => Some(Self::Ended),
-                "STATE_RECORDING" => Some(Self::Recording),
-                "STATE_UNSELECTED" => Some(Self::Unselected),
-                _ => None,
-            }
-        }
-    }
 }
 #[derive(Clone, PartialEq, ::prost::Message)]
 pub struct Recording {
@@ -1289,40 +908,6 @@ pub mod page_command {
         Log = 7,
         Apply = 8,
     }
-    impl Kind {
-        /// String value of the enum field names used in the ProtoBuf definition.
-        ///
-        /// The values are not transformed in any way and thus are considered stable
-        /// (if the ProtoBuf definition does not change) and safe for programmatic use.
-        pub fn as_str_name(&self) -> &'static str {
-            match self {
-                Self::Unspecified => "KIND_UNSPECIFIED",
-                Self::Swap => "KIND_SWAP",
-                Self::Shadow => "KIND_SHADOW",
-                Self::Cancel => "KIND_CANCEL",
-                Self::View => "KIND_VIEW",
-                Self::Calibrate => "KIND_CALIBRATE",
-                Self::Record => "KIND_RECORD",
-                Self::Log => "KIND_LOG",
-                Self::Apply => "KIND_APPLY",
-            }
-        }
-        /// Creates an enum from field names used in the ProtoBuf definition.
-        pub fn from_str_name(value: &str) -> ::core::option::Option<Self> {
-            match value {
-                "KIND_UNSPECIFIED" => Some(Self::Unspecified),
-                "KIND_SWAP" => Some(Self::Swap),
-                "KIND_SHADOW" => Some(Self::Shadow),
-                "KIND_CANCEL" => Some(Self::Cancel),
-                "KIND_VIEW" => Some(Self::View),
-                "KIND_CALIBRATE" => Some(Self::Calibrate),
-                "KIND_RECORD" => Some(Self::Record),
-                "KIND_LOG" => Some(Self::Log),
-                "KIND_APPLY" => Some(Self::Apply),
-                _ => None,
-            }
-        }
-    }
 }
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord, ::prost::Enumeration)]
 #[repr(i32)]
@@ -1336,38 +921,4 @@ pub enum Quantity {
     InnovationRad = 6,
     ErrorRad = 7,
     LatencyS = 8,
-}
-impl Quantity {
-    /// String value of the enum field names used in the ProtoBuf definition.
-    ///
-    /// The values are not transformed in any way and thus are considered stable
-    /// (if the ProtoBuf definition does not change) and safe for programmatic use.
-    pub fn as_str_name(&self) -> &'static str {
-        match self {
-            Self::Unspecified => "QUANTITY_UNSPECIFIED",
-            Self::ForceMS2 => "QUANTITY_FORCE_M_S2",
-            Self::FieldUt => "QUANTITY_FIELD_UT",
-            Self::RateXRadS => "QUANTITY_RATE_X_RAD_S",
-            Self::RateYRadS => "QUANTITY_RATE_Y_RAD_S",
-            Self::RateZRadS => "QUANTITY_RATE_Z_RAD_S",
-            Self::InnovationRad => "QUANTITY_INNOVATION_RAD",
-            Self::ErrorRad => "QUANTITY_ERROR_RAD",
-            Self::LatencyS => "QUANTITY_LATENCY_S",
-        }
-    }
-    /// Creates an enum from field names used in the ProtoBuf definition.
-    pub fn from_str_name(value: &str) -> ::core::option::Option<Self> {
-        match value {
-            "QUANTITY_UNSPECIFIED" => Some(Self::Unspecified),
-            "QUANTITY_FORCE_M_S2" => Some(Self::ForceMS2),
-            "QUANTITY_FIELD_UT" => Some(Self::FieldUt),
-            "QUANTITY_RATE_X_RAD_S" => Some(Self::RateXRadS),
-            "QUANTITY_RATE_Y_RAD_S" => Some(Self::RateYRadS),
-            "QUANTITY_RATE_Z_RAD_S" => Some(Self::RateZRadS),
-            "QUANTITY_INNOVATION_RAD" => Some(Self::InnovationRad),
-            "QUANTITY_ERROR_RAD" => Some(Self::ErrorRad),
-            "QUANTITY_LATENCY_S" => Some(Self::LatencyS),
-            _ => None,
-        }
-    }
 }

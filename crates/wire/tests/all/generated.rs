@@ -47,10 +47,32 @@ fn generate(proto: &Path, out: &Path) {
             let name = format!("{package}/{}", file.unwrap().file_name().to_str().unwrap());
             assert!(set.file.iter().any(|file| file.name() == name), "{name} is neither listed nor imported");
         }
-        let mut config = prost_build::Config::new();
-        config.disable_comments(["."]).btree_map(["."]).out_dir(out).compile_fds(set.clone()).unwrap();
         // Descriptors are sent to clients, which have no use for comments and source positions.
         set.file.iter_mut().for_each(|file| file.source_code_info = None);
-        fs::write(out.join(format!("{}.bin", package.replace('/', "."))), set.encode_to_vec()).unwrap();
+        let name = package.replace('/', ".");
+        fs::write(out.join(format!("{name}.bin")), set.encode_to_vec()).unwrap();
+        // `wire::batch` encodes and decodes batches field by field, so they need no types.
+        set.file.iter_mut().for_each(|file| file.message_type.retain(|message| !message.name().ends_with("Batch")));
+        prost_build::Config::new().btree_map(["."]).out_dir(out).compile_fds(set).unwrap();
+        let types = out.join(format!("{name}.rs"));
+        fs::write(&types, without_functions(&fs::read_to_string(&types).unwrap())).unwrap();
     }
+}
+
+/// Removes the functions that convert enum values to and from their names, because nothing uses
+/// them. The descriptors contain the names.
+fn without_functions(code: &str) -> String {
+    let (mut kept, mut end) = (String::new(), None);
+    for line in code.lines() {
+        let unindented = line.trim_start();
+        if unindented.starts_with("impl ") {
+            end = Some(format!("{}}}", &line[..line.len() - unindented.len()]));
+        }
+        match &end {
+            None => kept += &format!("{line}\n"),
+            Some(last) if last == line => end = None,
+            Some(_) => {}
+        }
+    }
+    kept
 }
