@@ -5,7 +5,7 @@
 //! Failure: a command without an operator's token, or beyond [`MAX_CONCURRENT_COMMANDS`], is
 //! rejected.
 
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::{Arc, Mutex};
 
 use control::SwapRequest;
 use launch::StageConfig;
@@ -14,6 +14,7 @@ use wire::v1::{Log, PageCommand, SwapAnswer, page_command::Kind, swap_answer, to
 
 use crate::{
     hub::Hub,
+    locked::lock,
     log,
     source::CommandTarget,
     token::{Role, Tokens},
@@ -194,8 +195,4 @@ fn rejection(command: PageCommand, reason: String) -> SwapAnswer {
     let PageCommand { request_id, slot, stage, .. } = command;
     let outcome = swap_answer::Outcome::Refused.into();
     SwapAnswer { request_id, outcome, reason, slot, to: stage, ..SwapAnswer::default() }
-}
-
-fn lock<T>(mutex: &Mutex<T>) -> std::sync::MutexGuard<'_, T> {
-    mutex.lock().unwrap_or_else(PoisonError::into_inner)
 }

@@ -8,7 +8,7 @@
 
 use std::{
     collections::VecDeque,
-    sync::{Mutex, MutexGuard, PoisonError},
+    sync::Mutex,
     time::{Duration, Instant},
 };
 
@@ -22,7 +22,7 @@ use wire::{
     },
 };
 
-use crate::{calibration::CalibrationRequest, decimator::MAX_EVENTS};
+use crate::{calibration::CalibrationRequest, decimator::MAX_EVENTS, locked::lock};
 
 /// Maximum number of snapshots by which a viewer may be late. They span a quarter of a second. A
 /// viewer that falls further behind continues with the newest snapshot.
@@ -157,7 +157,7 @@ pub(crate) struct LatestState {
 impl Hub {
     /// Sends a snapshot to the viewers.
     pub fn publish_snapshot(&self, snapshot: Snapshot) {
-        let mut backlog = self.backlog();
+        let mut backlog = lock(&self.backlog);
         backlog.events.extend(snapshot.events.iter().cloned());
         let excess = backlog.events.len().saturating_sub(MAX_EVENTS);
         backlog.events.drain(..excess);
@@ -175,7 +175,7 @@ impl Hub {
     /// Sends the system's status to the viewers. Also clears the latest values unless the system is
     /// live.
     pub fn publish_status(&self, status: SystemStatus) {
-        let mut backlog = self.backlog();
+        let mut backlog = lock(&self.backlog);
         if status.state() != State::Live {
             backlog.latest = LatestState::default();
         }
@@ -188,7 +188,7 @@ impl Hub {
     /// Sends the progress of a calibration to the viewers, and keeps the launch-file sections with
     /// its result.
     pub(crate) fn publish_calibration(&self, calibration: Calibration, sections: Option<String>) {
-        let mut backlog = self.backlog();
+        let mut backlog = lock(&self.backlog);
         backlog.sections = sections;
         backlog.calibration = Some(calibration).filter(|calibration| !calibration.what.is_empty());
         backlog.calibration_number += 1;
@@ -199,18 +199,18 @@ impl Hub {
     /// Returns the launch-file sections with the result of the calibration `what`; `None` if its
     /// result is not the newest one.
     pub(crate) fn calibration_sections(&self, what: &str) -> Option<String> {
-        let backlog = self.backlog();
+        let backlog = lock(&self.backlog);
         backlog.sections.clone().filter(|_| backlog.calibration.as_ref().is_some_and(|newest| newest.what == what))
     }
 
     /// Requests the start of a calibration or, with `None`, the end of the one in progress.
     pub(crate) fn request_calibration(&self, request: Option<CalibrationRequest>) {
-        *self.calibration_request.lock().unwrap_or_else(PoisonError::into_inner) = Some(request);
+        *lock(&self.calibration_request) = Some(request);
     }
 
     /// Removes and returns the request made since the last call.
     pub(crate) fn take_calibration_request(&self) -> Option<Option<CalibrationRequest>> {
-        self.calibration_request.lock().unwrap_or_else(PoisonError::into_inner).take()
+        lock(&self.calibration_request).take()
     }
 
     /// Returns `true` if a viewer or a Foxglove client is connected.
@@ -236,7 +236,7 @@ impl Hub {
     /// instead of the missed snapshots. The summary has all events and flags of the missed
     /// snapshots, because events and flags are never decimated.
     pub(crate) fn next_message(&self, cursor: &mut Cursor) -> Option<Bytes> {
-        let backlog = self.backlog();
+        let backlog = lock(&self.backlog);
         if cursor.status != Some(backlog.status_number) {
             cursor.status = Some(backlog.status_number);
             return Some(encode(Content::SystemStatus(backlog.latest.status.clone())));
@@ -260,11 +260,7 @@ impl Hub {
 
     /// Returns the newest values for `/metrics`.
     pub(crate) fn latest(&self) -> LatestState {
-        self.backlog().latest.clone()
-    }
-
-    fn backlog(&self) -> MutexGuard<'_, Backlog> {
-        self.backlog.lock().unwrap_or_else(PoisonError::into_inner)
+        lock(&self.backlog).latest.clone()
     }
 }
 

@@ -25,6 +25,7 @@
 //! | [`server`] | connections and their limits |
 //! | `places` | limits on the number of clients, with and without a token |
 //! | `inflow` | limits on what a client sends |
+//! | `locked` | locks of mutexes |
 //! | `foxglove` | WebSocket for Foxglove and Lichtblick, with the feature `foxglove` |
 //! | `guard` | protection against requests from foreign pages |
 //! | `assets` | files of the page |
@@ -44,6 +45,7 @@ mod guard;
 pub mod hub;
 mod inflow;
 pub mod local_system;
+mod locked;
 mod log;
 mod metrics;
 mod places;

@@ -9,19 +9,16 @@
 
 use std::{
     collections::BTreeMap,
-    future::{Future, poll_fn},
     net::{IpAddr, Ipv6Addr},
-    pin::pin,
     sync::{
-        Arc, Mutex, MutexGuard, PoisonError,
+        Arc, Mutex, PoisonError,
         atomic::{AtomicU32, Ordering},
     },
-    task::Poll,
 };
 
 use tokio::sync::Semaphore;
 
-use crate::{inflow::Inflow, token::Role};
+use crate::{inflow::Inflow, locked::lock, token::Role};
 
 /// Maximum number of requests on a connection without a token. A browser needs about this many
 /// per connection to load the page.
@@ -113,17 +110,13 @@ impl Places {
         let displaced = Arc::new(Semaphore::new(0));
         let class = (Use::Requests, None);
         let occupant = Occupant { network: network(address), class, displaced: displaced.clone() };
-        let mut occupants = self.occupants();
+        let mut occupants = lock(&self.0);
         // A class of clients without a token always has room.
         let _ = occupants.make_room(occupant.network, class);
         let entry = Mutex::new(occupants.insert(occupant));
         drop(occupants);
         let (places, requests) = (self.clone(), AtomicU32::new(0));
         Place(Arc::new(PlaceState { places, entry, displaced, requests, inflow: Arc::default() }))
-    }
-
-    fn occupants(&self) -> MutexGuard<'_, Occupants> {
-        self.0.lock().unwrap_or_else(PoisonError::into_inner)
     }
 }
 
@@ -162,7 +155,7 @@ impl Occupants {
 impl Place {
     /// Returns the role that the client's token grants; `None` if it has not presented one.
     pub(crate) fn role(&self) -> Option<Role> {
-        let occupants = self.0.places.occupants();
+        let occupants = lock(&self.0.places.0);
         occupants.by_entry.get(&self.entry()).and_then(|occupant| occupant.class.1)
     }
 
@@ -186,8 +179,8 @@ impl Place {
     }
 
     fn change_class(&self, change: impl FnOnce(Class) -> Class) -> Result<(), NoPlace> {
-        let mut occupants = self.0.places.occupants();
-        let mut entry = self.0.entry.lock().unwrap_or_else(PoisonError::into_inner);
+        let mut occupants = lock(&self.0.places.0);
+        let mut entry = lock(&self.0.entry);
         // A displaced client has no place to move from.
         let occupant = occupants.by_entry.get(&entry).cloned().ok_or(NoPlace)?;
         let class = change(occupant.class);
@@ -213,23 +206,23 @@ impl Place {
 
     /// Runs a future until it completes or the client is displaced.
     pub(crate) async fn hold(&self, future: impl Future<Output = ()>) {
-        let (mut displaced, mut future) = (pin!(self.0.displaced.acquire()), pin!(future));
-        poll_fn(|context| match displaced.as_mut().poll(context) {
-            Poll::Ready(_) => Poll::Ready(()),
-            Poll::Pending => future.as_mut().poll(context),
-        })
-        .await;
+        tokio::select! {
+            biased;
+            // The semaphore has no permits, so this completes only when it is closed.
+            _ = self.0.displaced.acquire() => {}
+            () = future => {}
+        }
     }
 
     fn entry(&self) -> u64 {
-        *self.0.entry.lock().unwrap_or_else(PoisonError::into_inner)
+        *lock(&self.0.entry)
     }
 }
 
 impl Drop for PlaceState {
     fn drop(&mut self) {
         let entry = *self.entry.get_mut().unwrap_or_else(PoisonError::into_inner);
-        self.places.occupants().by_entry.remove(&entry);
+        lock(&self.places.0).by_entry.remove(&entry);
     }
 }
 
@@ -303,7 +296,7 @@ mod tests {
         drop(viewers);
         assert!(enter(1, Role::Viewer).is_ok(), "a place is free again after its client has gone");
         drop(operator);
-        assert!(Arc::new(places).occupants().by_entry.is_empty());
+        assert!(lock(&places.0).by_entry.is_empty());
     }
 
     #[test]

@@ -12,7 +12,7 @@ use std::{
     os::unix::fs::DirBuilderExt as _,
     path::{Path, PathBuf},
     sync::{
-        Arc, Mutex, MutexGuard, PoisonError,
+        Arc, Mutex,
         atomic::{AtomicBool, Ordering},
         mpsc::sync_channel,
     },
@@ -25,6 +25,8 @@ use graph::Topic;
 use observe::system_recording::{POLL_INTERVAL, SystemRecording, SystemRecordingError};
 use runtime::ServiceConfig;
 use wire::v1::Recording;
+
+use crate::locked::lock;
 
 /// Maximum duration of a recording.
 const MAX_DURATION: Duration = Duration::from_secs(24 * 3600);
@@ -176,8 +178,4 @@ fn record(
 /// refer to this folder.
 fn system_folder(supervisor_pid: u32) -> PathBuf {
     fs::read_link(format!("/proc/{supervisor_pid}/cwd")).unwrap_or_default()
-}
-
-fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
-    mutex.lock().unwrap_or_else(PoisonError::into_inner)
 }

@@ -23,7 +23,6 @@ use wire::{
 use crate::{
     commands::{CommandSession, Commands},
     hub::{self, Cursor, Hub},
-    inflow::Inflow,
     places::{NoPlace, Place},
     token::Tokens,
 };
@@ -90,74 +89,45 @@ pub(crate) async fn serve(
     place: &Place,
 ) {
     let (mut cursor, mut news) = hub.subscribe();
-    let (reply_tx, mut reply_rx) = mpsc::channel::<Content>(MAX_QUEUED_REPLIES);
+    let (reply_tx, mut replies) = mpsc::channel::<Content>(MAX_QUEUED_REPLIES);
     let mut session = CommandSession::new(commands, hub.clone(), reply_tx);
-    loop {
-        let event = next_event(&mut socket, place.inflow(), &hub, (&mut cursor, &mut news), &mut reply_rx).await;
-        let is_open = match event {
-            Event::Message(message) => send(&mut socket, message).await,
-            Event::Ignored => true,
-            Event::Command(bytes) => match PageCommand::from_bytes(&bytes) {
-                Ok(command) => {
-                    if let Some(role) = tokens.and_then(|tokens| tokens.role(&command.token)) {
-                        // If there is no free place, the viewer keeps its present one.
-                        let _ = place.show_token(role);
-                    }
-                    session.handle(command);
-                    true
+    let mut is_open = true;
+    while is_open {
+        is_open = tokio::select! {
+            biased;
+            Some(reply) = replies.recv() => send(&mut socket, hub::encode(reply)).await,
+            message = socket.recv() => {
+                message.iter().flatten().for_each(|message| place.inflow().record(message));
+                match message {
+                    Some(Ok(Message::Binary(bytes))) => PageCommand::from_bytes(&bytes).is_ok_and(|command| {
+                        if let Some(role) = tokens.and_then(|tokens| tokens.role(&command.token)) {
+                            // If there is no free place, the viewer keeps its present one.
+                            let _ = place.show_token(role);
+                        }
+                        session.handle(command);
+                        true
+                    }),
+                    Some(Ok(Message::Ping(_) | Message::Pong(_))) => true,
+                    Some(Ok(Message::Text(_) | Message::Close(_)) | Err(_)) | None => false,
                 }
-                Err(_) => false,
+            }
+            message = next_message(&hub, &mut cursor, &mut news) => match message {
+                Some(message) => send(&mut socket, message).await,
+                None => false,
             },
-            Event::Closed => false,
         };
-        if !is_open {
-            return;
-        }
     }
 }
 
-/// Event on a viewer's connection.
-enum Event {
-    Message(Bytes),
-    Command(Bytes),
-    Ignored,
-    Closed,
-}
-
-async fn next_event(
-    socket: &mut WebSocket,
-    inflow: &Inflow,
-    hub: &Hub,
-    (cursor, news): (&mut Cursor, &mut watch::Receiver<()>),
-    replies: &mut mpsc::Receiver<Content>,
-) -> Event {
-    use std::{future::poll_fn, pin::pin, task::Poll};
-    // Polls all three futures. They are cancel-safe, so dropping them loses nothing.
-    let (mut next_news, mut next_reply, mut next_command) =
-        (pin!(news.changed()), pin!(replies.recv()), pin!(socket.recv()));
-    poll_fn(|context| {
-        if let Poll::Ready(Some(reply)) = next_reply.as_mut().poll(context) {
-            return Poll::Ready(Event::Message(hub::encode(reply)));
-        }
-        if let Poll::Ready(message) = next_command.as_mut().poll(context) {
-            message.iter().flatten().for_each(|message| inflow.record(message));
-            return Poll::Ready(match message {
-                Some(Ok(Message::Binary(bytes))) => Event::Command(bytes),
-                Some(Ok(Message::Ping(_) | Message::Pong(_))) => Event::Ignored,
-                Some(Ok(Message::Text(_) | Message::Close(_)) | Err(_)) | None => Event::Closed,
-            });
-        }
+/// Waits for the next message of the hub. Returns `None` if the hub is gone. No message is lost if
+/// the wait is cancelled.
+async fn next_message(hub: &Hub, cursor: &mut Cursor, news: &mut watch::Receiver<()>) -> Option<Bytes> {
+    loop {
         if let Some(message) = hub.next_message(cursor) {
-            return Poll::Ready(Event::Message(message));
+            return Some(message);
         }
-        match next_news.as_mut().poll(context) {
-            // The next call returns the message.
-            Poll::Ready(Ok(())) => Poll::Ready(Event::Ignored),
-            Poll::Ready(Err(_)) => Poll::Ready(Event::Closed),
-            Poll::Pending => Poll::Pending,
-        }
-    })
-    .await
+        news.changed().await.ok()?;
+    }
 }
 
 /// Sends a message. Returns `false` if the viewer has not accepted it in time.

@@ -7,7 +7,7 @@
 
 use std::{
     collections::HashMap,
-    sync::{Arc, Mutex, MutexGuard, PoisonError, Weak},
+    sync::{Arc, Mutex, Weak},
     thread::{self, Thread},
     time::{Duration, Instant},
 };
@@ -25,7 +25,10 @@ use wire::v1::{
     LatencyUs, Recording, ServiceReport, Setting, SlotStages, SystemStatus, VehicleLine, system_status::State,
 };
 
-use crate::source::{CommandTarget, SlotDescription, SourceState, SystemDescription};
+use crate::{
+    locked::lock,
+    source::{CommandTarget, SlotDescription, SourceState, SystemDescription},
+};
 
 /// Interval between queries to the supervisor.
 const QUERY_INTERVAL: Duration = Duration::from_secs(1);
@@ -249,10 +252,6 @@ fn poll_supervisor(target: &dyn CommandTarget, weak_report: &Weak<Mutex<Supervis
         thread::sleep(MIN_QUERY_INTERVAL);
         thread::park_timeout(interval.saturating_sub(MIN_QUERY_INTERVAL));
     }
-}
-
-fn lock(report: &Mutex<SupervisorReport>) -> MutexGuard<'_, SupervisorReport> {
-    report.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
 /// Returns the tick rate measured by the publishers' clock, Hz.

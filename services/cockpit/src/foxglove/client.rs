@@ -5,16 +5,13 @@
 //! Failure: a slow client misses messages. A client that accepts no data for [`SEND_TIMEOUT`] or
 //! sends [`MAX_REJECTED`] invalid requests is disconnected.
 
-use std::{future::poll_fn, pin::pin, task::Poll, time::Duration};
+use std::time::Duration;
 
 use axum::extract::ws::{Message, WebSocket};
-use tokio::{
-    sync::broadcast::{Receiver, error::RecvError},
-    time::timeout,
-};
+use tokio::{sync::broadcast::error::RecvError, time::timeout};
 
 use super::{
-    feed::{Broadcaster, ChannelMessage},
+    feed::Broadcaster,
     protocol::{self, Subscriptions},
 };
 use crate::inflow::Inflow;
@@ -56,67 +53,47 @@ pub(crate) async fn serve(mut socket: WebSocket, system: &str, broadcaster: &Bro
             return;
         }
     }
-    loop {
-        let is_open = match next_event(&mut socket, inflow, &mut messages).await {
-            Event::Message(message) => {
-                let is_new_session = message.session != session;
-                session = message.session;
-                let info = || Message::text(protocol::server_info(system, session));
-                let is_sent = !is_new_session || send(&mut socket, info()).await;
-                match client.subscriptions.subscription_id(message.channel) {
-                    Some(id) if is_sent => {
-                        let data = protocol::message(id, message.t_ns, &message.data);
-                        send(&mut socket, Message::binary(data)).await
+    let mut is_open = true;
+    while is_open {
+        is_open = tokio::select! {
+            biased;
+            message = socket.recv() => {
+                message.iter().flatten().for_each(|message| inflow.record(message));
+                let handled = match message {
+                    Some(Ok(Message::Text(text))) => client.handle(&text),
+                    Some(Ok(Message::Binary(_))) => client.handle(""),
+                    Some(Ok(Message::Ping(_) | Message::Pong(_))) => Ok(()),
+                    Some(Ok(Message::Close(_)) | Err(_)) | None => return,
+                };
+                match handled {
+                    Ok(()) => true,
+                    Err(reason) => {
+                        rejected += 1;
+                        let status = Message::text(protocol::error_status(&reason));
+                        rejected < MAX_REJECTED && send(&mut socket, status).await
                     }
-                    _ => is_sent,
                 }
             }
-            Event::Request(text) => match client.handle(&text) {
-                Ok(()) => true,
-                Err(reason) => {
-                    rejected += 1;
-                    rejected < MAX_REJECTED && send(&mut socket, Message::text(protocol::error_status(&reason))).await
+            message = messages.recv() => match message {
+                Ok(message) => {
+                    let is_new_session = message.session != session;
+                    session = message.session;
+                    let info = || Message::text(protocol::server_info(system, session));
+                    let is_sent = !is_new_session || send(&mut socket, info()).await;
+                    match client.subscriptions.subscription_id(message.channel) {
+                        Some(id) if is_sent => {
+                            let data = protocol::message(id, message.t_ns, &message.data);
+                            send(&mut socket, Message::binary(data)).await
+                        }
+                        _ => is_sent,
+                    }
                 }
+                // This client was too slow and has missed messages.
+                Err(RecvError::Lagged(_)) => true,
+                Err(RecvError::Closed) => false,
             },
-            Event::Ignored => true,
-            Event::Closed => false,
         };
-        if !is_open {
-            return;
-        }
     }
-}
-
-/// Event on a client's connection.
-enum Event {
-    Message(ChannelMessage),
-    Request(String),
-    /// Ping or pong frame, or a notice that this client was too slow and missed messages.
-    Ignored,
-    Closed,
-}
-
-async fn next_event(socket: &mut WebSocket, inflow: &Inflow, messages: &mut Receiver<ChannelMessage>) -> Event {
-    // Polls both futures. They are cancel-safe, so dropping them loses nothing.
-    let (mut next_message, mut next_request) = (pin!(messages.recv()), pin!(socket.recv()));
-    poll_fn(|context| {
-        if let Poll::Ready(message) = next_request.as_mut().poll(context) {
-            message.iter().flatten().for_each(|message| inflow.record(message));
-            return Poll::Ready(match message {
-                Some(Ok(Message::Text(text))) => Event::Request(text.as_str().to_owned()),
-                Some(Ok(Message::Binary(_))) => Event::Request(String::new()),
-                Some(Ok(Message::Ping(_) | Message::Pong(_))) => Event::Ignored,
-                Some(Ok(Message::Close(_)) | Err(_)) | None => Event::Closed,
-            });
-        }
-        match next_message.as_mut().poll(context) {
-            Poll::Ready(Ok(message)) => Poll::Ready(Event::Message(message)),
-            Poll::Ready(Err(RecvError::Lagged(_))) => Poll::Ready(Event::Ignored),
-            Poll::Ready(Err(RecvError::Closed)) => Poll::Ready(Event::Closed),
-            Poll::Pending => Poll::Pending,
-        }
-    })
-    .await
 }
 
 /// Sends a message. Returns `false` if the client has not accepted it in time.
