@@ -25,51 +25,28 @@ pub(super) enum Kind {
 }
 
 impl Kind {
-    /// Names of all topics that are read.
-    pub(super) const TOPICS: [&str; 10] = [
-        "sensor_combined",
-        "vehicle_imu",
-        "sensor_gyro",
-        "sensor_accel",
-        "vehicle_magnetometer",
-        "sensor_mag",
-        "vehicle_attitude",
-        "vehicle_gps_position",
-        "sensor_gps",
-        "sensors_status_imu",
+    /// Topics that are read, with the kinds of series in each.
+    pub(super) const TOPICS: [(&str, &[Self]); 10] = [
+        ("sensor_combined", &[Self::Combined, Self::CombinedField]),
+        ("vehicle_imu", &[Self::Integrated]),
+        ("sensor_gyro", &[Self::Rate]),
+        ("sensor_accel", &[Self::Force]),
+        ("vehicle_magnetometer", &[Self::Field]),
+        ("sensor_mag", &[Self::RawField]),
+        ("vehicle_attitude", &[Self::Attitude]),
+        ("vehicle_gps_position", &[Self::Fix]),
+        ("sensor_gps", &[Self::RawFix]),
+        ("sensors_status_imu", &[Self::Health]),
     ];
 
     /// Returns the kinds of series in a topic.
     pub(super) fn of_topic(topic: &str) -> &'static [Self] {
-        match topic {
-            "sensor_combined" => &[Self::Combined, Self::CombinedField],
-            "vehicle_imu" => &[Self::Integrated],
-            "sensor_gyro" => &[Self::Rate],
-            "sensor_accel" => &[Self::Force],
-            "vehicle_magnetometer" => &[Self::Field],
-            "sensor_mag" => &[Self::RawField],
-            "vehicle_attitude" => &[Self::Attitude],
-            "vehicle_gps_position" => &[Self::Fix],
-            "sensor_gps" => &[Self::RawFix],
-            "sensors_status_imu" => &[Self::Health],
-            _ => &[],
-        }
+        Self::TOPICS.iter().find(|(name, _)| *name == topic).map_or(&[], |(_, kinds)| kinds)
     }
 
     /// Returns the topic of the series.
     pub(super) fn topic(self) -> &'static str {
-        match self {
-            Self::Combined | Self::CombinedField => "sensor_combined",
-            Self::Integrated => "vehicle_imu",
-            Self::Rate => "sensor_gyro",
-            Self::Force => "sensor_accel",
-            Self::Field => "vehicle_magnetometer",
-            Self::RawField => "sensor_mag",
-            Self::Attitude => "vehicle_attitude",
-            Self::Fix => "vehicle_gps_position",
-            Self::RawFix => "sensor_gps",
-            Self::Health => "sensors_status_imu",
-        }
+        Self::TOPICS.iter().find(|(_, kinds)| kinds.contains(&self)).map_or("", |(name, _)| name)
     }
 
     /// Returns the name of the samples, as a plural noun.

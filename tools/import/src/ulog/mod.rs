@@ -85,7 +85,7 @@ impl Log {
         let (mut all, mut layouts) = (AllSeries::new(), Layouts::default());
         // Health of each sensor by its kind and device number, as last reported.
         let mut health = BTreeMap::<(Kind, u32), bool>::new();
-        let status = messages::read(&self.path, &Kind::TOPICS, progress, &mut |message| {
+        let status = messages::read(&self.path, &Kind::TOPICS.map(|(topic, _)| topic), progress, &mut |message| {
             for kind in Kind::of_topic(message.flattened_format.message_name()) {
                 let Some(layout) = layouts.find(&self.path, *kind, message)? else { continue };
                 let instance = (*kind, message.multi_id.value());
