@@ -39,24 +39,13 @@ pub enum Value {
 }
 
 /// Mismatch between the bytes of a message and its layout.
-#[derive(Debug, Clone, PartialEq, Eq)]
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+#[error("decoding a message: {found} bytes, but {layout} has {expected}; is the publisher another version of plumb?")]
 pub struct LayoutMismatch {
     layout: &'static str,
     expected: usize,
     found: usize,
 }
-
-impl fmt::Display for LayoutMismatch {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let Self { layout, expected, found } = self;
-        write!(
-            f,
-            "decoding a message: {found} bytes, but {layout} has {expected}; is the publisher another version of plumb?"
-        )
-    }
-}
-
-impl std::error::Error for LayoutMismatch {}
 
 impl DecodedMessage {
     /// Decodes a message.
