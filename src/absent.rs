@@ -4,9 +4,11 @@
 //! arguments and fail with [`MissingFeature`].
 
 #[cfg(not(all(feature = "network", feature = "cockpit", feature = "tui")))]
-use std::{ffi::OsString, process::ExitCode};
+use std::ffi::OsString;
 
 use launch::{Launch, Service};
+
+use crate::failure::Failure;
 
 /// A command, option or service needs a feature that this build lacks.
 #[derive(Debug, thiserror::Error)]
@@ -14,6 +16,12 @@ use launch::{Launch, Service};
 pub(crate) struct MissingFeature {
     pub(crate) what: &'static str,
     pub(crate) feature: &'static str,
+}
+
+impl From<MissingFeature> for Failure {
+    fn from(error: MissingFeature) -> Self {
+        Self::new(error, 2)
+    }
 }
 
 /// Returns the services that this build lacks, each with the feature that adds it.
@@ -43,11 +51,6 @@ pub(crate) struct AbsentCommand {
     arguments: Vec<OsString>,
 }
 
-#[cfg(not(all(feature = "network", feature = "cockpit", feature = "tui")))]
-fn fail(what: &'static str, feature: &'static str) -> ExitCode {
-    crate::failure::fail(&MissingFeature { what, feature }, 2)
-}
-
 /// Declares the stand-in of a service.
 #[cfg(not(all(feature = "network", feature = "cockpit")))]
 macro_rules! absent_service {
@@ -69,8 +72,8 @@ macro_rules! absent_command {
         pub(crate) mod $module {
             pub(crate) use super::AbsentCommand as $Command;
 
-            pub(crate) fn run(_: $argument) -> super::ExitCode {
-                super::fail($what, $feature)
+            pub(crate) fn run(_: $argument) -> crate::failure::Outcome {
+                Err(super::MissingFeature { what: $what, feature: $feature }.into())
             }
         }
     };
@@ -104,8 +107,8 @@ pub(crate) mod keys {
         Any(Vec<OsString>),
     }
 
-    pub(crate) fn run(_: Command) -> super::ExitCode {
-        super::fail("plumb keys", "network")
+    pub(crate) fn run(_: Command) -> crate::failure::Outcome {
+        Err(super::MissingFeature { what: "plumb keys", feature: "network" }.into())
     }
 }
 
@@ -120,12 +123,6 @@ pub(crate) mod remote {
     pub(crate) use super::MissingFeature as RemoteError;
 
     pub(crate) const ERROR: RemoteError = RemoteError { what: "--remote", feature: "network" };
-
-    impl RemoteError {
-        pub(crate) fn exit_code(&self) -> u8 {
-            2
-        }
-    }
 
     /// Endpoint of a remote vehicle, which cannot be opened.
     pub(crate) struct RemoteEndpoint;

@@ -2,13 +2,13 @@
 
 use std::{fmt::Display, process::ExitCode};
 
-use campaign::{CampaignError, KillCampaign, SwapCampaign};
+use campaign::{KillCampaign, SwapCampaign};
 use clap::{Args, Subcommand};
 use serde::Serialize;
 
 use crate::{
-    failure::{fail, fail_after_result},
-    stdout::print,
+    failure::{Outcome, fail_after_result},
+    stdout::print_result,
 };
 
 #[derive(Subcommand)]
@@ -61,33 +61,20 @@ pub(crate) struct Campaign {
     json: bool,
 }
 
-pub(crate) fn run(bench: &Bench) -> ExitCode {
+pub(crate) fn run(bench: &Bench) -> Outcome {
     match *bench {
         Bench::Kills { campaign: Campaign { count, seed, rate_hz, load, json } } => {
-            print_report(KillCampaign { count, seed, rate_hz, load_threads: load }.run(), json, |report| {
-                report.passed()
-            })
+            let report = KillCampaign { count, seed, rate_hz, load_threads: load }.run()?;
+            Ok(print_report(&report, json, report.passed()))
         }
-        Bench::Swaps { campaign: Campaign { count, seed, rate_hz, load, json }, same } => print_report(
-            SwapCampaign { count, seed, rate_hz, load_threads: load, same_stage: same }.run(),
-            json,
-            |report| report.passed(),
-        ),
+        Bench::Swaps { campaign: Campaign { count, seed, rate_hz, load, json }, same } => {
+            let report = SwapCampaign { count, seed, rate_hz, load_threads: load, same_stage: same }.run()?;
+            Ok(print_report(&report, json, report.passed()))
+        }
     }
 }
 
-fn print_report<R: Display + Serialize>(
-    report: Result<R, CampaignError>,
-    json: bool,
-    holds: impl FnOnce(&R) -> bool,
-) -> ExitCode {
-    match report {
-        // Serialising numbers, strings and lists cannot fail.
-        Ok(report) => {
-            let printed =
-                if json { print(&serde_json::to_string(&report).unwrap_or_default()) } else { print(&report) };
-            if holds(&report) { printed } else { fail_after_result(&"a required property does not hold, see above", 1) }
-        }
-        Err(error) => fail(&error, 1),
-    }
+fn print_report(report: &(impl Display + Serialize), json: bool, passed: bool) -> ExitCode {
+    let printed = print_result(report, json);
+    if passed { printed } else { fail_after_result(&"a required property does not hold, see above", 1) }
 }

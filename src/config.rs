@@ -5,7 +5,13 @@ use std::{fs, process::ExitCode};
 use clap::Subcommand;
 use launch::Launch;
 
-use crate::{absent, failure::fail, notice::notice, stdout::print, system::LaunchArgs};
+use crate::{
+    absent,
+    failure::{Failure, OrFail as _, Outcome},
+    notice::notice,
+    stdout::print,
+    system::LaunchArgs,
+};
 
 #[derive(Subcommand)]
 pub(crate) enum Config {
@@ -45,44 +51,32 @@ Without it, plumbline.service has no access to devices and networks
     },
 }
 
-pub(crate) fn run(command: &Config) -> ExitCode {
-    let result = match command {
-        Config::Check { launch } => read(launch).map(|_| {
+pub(crate) fn run(command: &Config) -> Outcome {
+    match command {
+        Config::Check { launch } => {
+            read(launch)?;
             match launch.path() {
                 Some(file) => notice(format_args!("{} is valid", foreign::path(file))),
                 None => notice("no ./launch.toml; the built-in launch file is valid"),
             }
-            ExitCode::SUCCESS
-        }),
-        Config::Show { launch } => effective_text(launch).map(|text| print(&text)),
-        Config::Unit { launch } => read(launch).map(|launch| match launch.unit_drop_in() {
-            Ok(drop_in) => print(&drop_in.trim_end()),
-            Err(error) => fail(&error, 3),
-        }),
-    };
-    result.unwrap_or_else(|failure| failure)
+            Ok(ExitCode::SUCCESS)
+        }
+        Config::Show { launch } => Ok(print(&effective_text(launch)?)),
+        Config::Unit { launch } => Ok(print(&read(launch)?.unit_drop_in().or_fail(3)?.trim_end())),
+    }
 }
 
 /// Returns the text of the launch file, completed with the default of every key that it leaves
-/// unset. On failure, prints the error and returns its exit code.
-fn effective_text(launch: &LaunchArgs) -> Result<String, ExitCode> {
+/// unset.
+fn effective_text(launch: &LaunchArgs) -> Result<String, Failure> {
     read(launch)?;
-    let text = launch.path().map_or_else(
-        || Ok(String::new()),
-        |file| {
-            fs::read_to_string(file)
-                .map_err(|cause| fail(&format_args!("cannot read {}: {cause}", foreign::path(file)), 3))
-        },
-    )?;
-    launch::effective_text(&text).map_err(|error| fail(&error, 3))
+    let read = |file| fs::read_to_string(file).map_err(|cause| format!("cannot read {}: {cause}", foreign::path(file)));
+    let text = launch.path().map(read).transpose().or_fail(3)?.unwrap_or_default();
+    launch::effective_text(&text).or_fail(3)
 }
 
-/// Reads a launch file and checks that this build has its services. On failure, prints the error
-/// and returns its exit code.
-fn read(launch: &LaunchArgs) -> Result<Launch, ExitCode> {
-    let launch = launch.read().map_err(|error| fail(&error, 3))?;
-    match absent::find_absent_service(&launch) {
-        Some(error) => Err(fail(&error, 3)),
-        None => Ok(launch),
-    }
+/// Reads a launch file and checks that this build has its services.
+fn read(launch: &LaunchArgs) -> Result<Launch, Failure> {
+    let launch = launch.read()?;
+    absent::find_absent_service(&launch).map_or(Ok(launch), |error| Err(Failure::new(error, 3)))
 }

@@ -6,7 +6,7 @@ use campaign::Demo;
 use clap::Args;
 
 use crate::{
-    failure::{fail, fail_after_result},
+    failure::{Outcome, fail_after_result},
     stdout::print_item,
 };
 
@@ -27,18 +27,16 @@ pub(crate) struct DemoCommand {
     stop: bool,
 }
 
-pub(crate) fn run(command: &DemoCommand) -> ExitCode {
+pub(crate) fn run(command: &DemoCommand) -> Outcome {
     let demo = Demo { name: command.name.clone(), has_cockpit: cfg!(feature = "cockpit"), stops: command.stop };
     let mut printed = ControlFlow::Continue(());
     let report = demo.run(&mut |line| {
         if printed.is_continue() {
             printed = print_item(&line);
         }
-    });
-    match (report, printed) {
-        (Err(error), _) => fail(&error, 1),
-        (Ok(report), _) if !report.passed() => fail_after_result(&"an attitude was lost or changed, see above", 1),
-        (Ok(_), ControlFlow::Break(code)) => code,
-        (Ok(_), ControlFlow::Continue(())) => ExitCode::SUCCESS,
+    })?;
+    if !report.passed() {
+        return Ok(fail_after_result(&"an attitude was lost or changed, see above", 1));
     }
+    Ok(printed.break_value().unwrap_or(ExitCode::SUCCESS))
 }

@@ -11,14 +11,13 @@ use std::{
     time::{Duration, Instant},
 };
 
-use bus::{BusError, SystemName};
+use bus::SystemName;
 use clap::Args;
 use control::{ControlRequest, ServiceStatus, send_request};
-use launch::{Launch, LaunchError};
 use rustix::process::{Pid, Signal, kill_process};
 
 use crate::{
-    failure::fail,
+    failure::{Failure, Outcome},
     notice::notice,
     stdout::{print, print_item},
     system::{LaunchArgs, LocalSystemArgs, SystemNameArgs},
@@ -36,8 +35,6 @@ const SHOWN_LINES: usize = 20;
 /// Failure to start, stop or read the log of a background system.
 #[derive(Debug, thiserror::Error)]
 pub(crate) enum DetachedError {
-    #[error(transparent)]
-    Bus(#[from] BusError),
     #[error("the system {name:?} is already running, process {pid}; end it with `plumb down`")]
     AlreadyRunning { name: String, pid: u32 },
     #[error("no folder for the log: set HOME or XDG_STATE_HOME to a folder, or run `plumb up` without --detach")]
@@ -50,8 +47,6 @@ pub(crate) enum DetachedError {
     Ended(String),
     #[error("the system {name:?} is not ready after {} s; see `plumb ps` and `plumb logs`", START_TIMEOUT.as_secs())]
     NotReady { name: String },
-    #[error(transparent)]
-    Launch(#[from] LaunchError),
     #[error("the system {name:?} is not running; select another one with --system or --launch")]
     NotRunning { name: String },
     #[error("cannot end process {pid}: {cause}")]
@@ -64,9 +59,9 @@ pub(crate) enum DetachedError {
     NoLog { name: String },
 }
 
-impl DetachedError {
-    fn exit_code(&self) -> u8 {
-        if matches!(self, Self::Launch(_)) { 3 } else { 1 }
+impl From<DetachedError> for Failure {
+    fn from(error: DetachedError) -> Self {
+        Self::new(error, 1)
     }
 }
 
@@ -102,35 +97,28 @@ pub(crate) struct Logs {
 }
 
 /// Starts this command line again in the background and waits until every service runs.
-pub(crate) fn start(launch: &LaunchArgs) -> ExitCode {
-    let started = launch.read().map_err(DetachedError::from).and_then(|Launch { name, .. }| {
-        let (pid, log) = try_start(&name)?;
-        Ok((name, pid, log))
-    });
-    match started {
-        Ok((name, pid, log)) => {
-            let option = launch.launch.iter().map(|file| format!(" --launch {}", foreign::path(file)));
-            notice(format_args!(
-                "{name} runs in the background, process {pid}, log {}; end it with `plumb down{}`",
-                foreign::path(&log),
-                option.collect::<String>()
-            ));
-            ExitCode::SUCCESS
-        }
-        Err(error) => fail(&error, error.exit_code()),
-    }
+pub(crate) fn start(launch: &LaunchArgs) -> Outcome {
+    let name = launch.read()?.name;
+    let (pid, log) = try_start(&name)?;
+    let option = launch.launch.iter().map(|file| format!(" --launch {}", foreign::path(file)));
+    notice(format_args!(
+        "{name} runs in the background, process {pid}, log {}; end it with `plumb down{}`",
+        foreign::path(&log),
+        option.collect::<String>()
+    ));
+    Ok(ExitCode::SUCCESS)
 }
 
-fn try_start(name: &str) -> Result<(u32, PathBuf), DetachedError> {
+fn try_start(name: &str) -> Result<(u32, PathBuf), Failure> {
     if let Some(pid) = SystemName::new(name)?.owner_pid()? {
-        return Err(DetachedError::AlreadyRunning { name: name.into(), pid });
+        return Err(DetachedError::AlreadyRunning { name: name.into(), pid }.into());
     }
     let path = log_path(name).ok_or(DetachedError::NoFolder)?;
     let log_error = |cause| DetachedError::Log { path: path.clone(), cause };
     path.parent().map_or(Ok(()), fs::create_dir_all).map_err(log_error)?;
     let previous = path.with_extension("log.1");
     match fs::rename(&path, previous) {
-        Err(error) if error.kind() != io::ErrorKind::NotFound => return Err(log_error(error)),
+        Err(error) if error.kind() != io::ErrorKind::NotFound => return Err(log_error(error).into()),
         _ => {}
     }
     // The log contains the address of the cockpit with its token.
@@ -146,11 +134,11 @@ fn try_start(name: &str) -> Result<(u32, PathBuf), DetachedError> {
     Ok((child.id(), path))
 }
 
-fn wait_until_ready(name: &str, child: &mut Child, log: &Path) -> Result<(), DetachedError> {
+fn wait_until_ready(name: &str, child: &mut Child, log: &Path) -> Result<(), Failure> {
     let started = Instant::now();
     while started.elapsed() < START_TIMEOUT {
         if !matches!(child.try_wait(), Ok(None)) {
-            return Err(DetachedError::Ended(last_lines(log)));
+            return Err(DetachedError::Ended(last_lines(log)).into());
         }
         let is_own = SystemName::new(name)?.owner_pid()? == Some(child.id());
         let services = send_request::<Vec<ServiceStatus>>(name, &ControlRequest::Status);
@@ -160,7 +148,7 @@ fn wait_until_ready(name: &str, child: &mut Child, log: &Path) -> Result<(), Det
         }
         thread::sleep(POLL_INTERVAL);
     }
-    Err(DetachedError::NotReady { name: name.into() })
+    Err(DetachedError::NotReady { name: name.into() }.into())
 }
 
 /// Returns the last lines of a log, with their control characters escaped.
@@ -171,20 +159,18 @@ fn last_lines(log: &Path) -> String {
     shown.map(|line| format!("  {}\n", foreign::ForeignText::from_bytes(line))).collect()
 }
 
-pub(crate) fn down(Down { system }: Down) -> ExitCode {
-    let ended = system.name().map_err(DetachedError::from).and_then(|name| Ok((end(&name)?, name)));
-    match ended {
-        Ok((pid, name)) if system.json => print(&serde_json::json!({ "system": name, "ended_process": pid })),
-        Ok((pid, name)) => {
-            notice(format_args!("{name} has ended, process {pid}"));
-            ExitCode::SUCCESS
-        }
-        Err(error) => fail(&error, error.exit_code()),
+pub(crate) fn down(Down { system }: Down) -> Outcome {
+    let name = system.name()?;
+    let pid = end(&name)?;
+    if system.json {
+        return Ok(print(&serde_json::json!({ "system": name, "ended_process": pid })));
     }
+    notice(format_args!("{name} has ended, process {pid}"));
+    Ok(ExitCode::SUCCESS)
 }
 
 /// Ends a system and returns the process identifier of its supervisor.
-fn end(name: &str) -> Result<u32, DetachedError> {
+fn end(name: &str) -> Result<u32, Failure> {
     let system_name = SystemName::new(name)?;
     let not_running = || DetachedError::NotRunning { name: name.into() };
     // The identifier is 0 until the supervisor has recorded it.
@@ -198,18 +184,14 @@ fn end(name: &str) -> Result<u32, DetachedError> {
         }
         thread::sleep(POLL_INTERVAL);
     }
-    Err(DetachedError::Hangs { pid })
+    Err(DetachedError::Hangs { pid }.into())
 }
 
-pub(crate) fn logs(Logs { system, follow }: Logs) -> ExitCode {
-    let printed = system.name().map_err(DetachedError::from).and_then(|name| print_log(&name, follow));
-    printed.unwrap_or_else(|error| fail(&error, error.exit_code()))
-}
-
-fn print_log(name: &str, follow: bool) -> Result<ExitCode, DetachedError> {
-    SystemName::new(name)?;
-    let no_log = |_| DetachedError::NoLog { name: name.into() };
-    let path = log_path(name).ok_or(DetachedError::NoFolder)?;
+pub(crate) fn logs(Logs { system, follow }: Logs) -> Outcome {
+    let name = system.name()?;
+    SystemName::new(&name)?;
+    let path = log_path(&name).ok_or(DetachedError::NoFolder)?;
+    let no_log = |_| DetachedError::NoLog { name };
     let mut log = BufReader::new(File::open(&path).map_err(no_log)?);
     loop {
         // This is checked before the lines are read, because the log is complete once all processes

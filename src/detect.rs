@@ -7,7 +7,11 @@ use drivers::detect::{DetectedDevice, Finding, MAX_PORT_TIME, PortFinding, detec
 use foreign::ForeignText;
 use serde_json::json;
 
-use crate::{failure::fail, notice::notice, stdout::print};
+use crate::{
+    failure::{Failure, Outcome},
+    notice::notice,
+    stdout::print,
+};
 
 /// Maximum number of ports that are read at the same time.
 const MAX_PORTS: usize = 16;
@@ -33,10 +37,11 @@ pub(crate) struct Detect {
     json: bool,
 }
 
-pub(crate) fn run(Detect { ports, json }: Detect) -> ExitCode {
+pub(crate) fn run(Detect { ports, json }: Detect) -> Outcome {
     let mut ports = if ports.is_empty() { serial_ports() } else { ports };
     if ports.is_empty() {
-        return fail(&"no serial port found; plug the device in and check `ls /dev/serial/by-id`, or name a port", 1);
+        let message = "no serial port found; plug the device in and check `ls /dev/serial/by-id`, or name a port";
+        return Err(Failure::new(message, 1));
     }
     if ports.len() > MAX_PORTS {
         supervisor::announce(format_args!("{} ports: only the first {MAX_PORTS} are read", ports.len()));
@@ -50,7 +55,7 @@ pub(crate) fn run(Detect { ports, json }: Detect) -> ExitCode {
     }));
     let is_found = findings.0.iter().any(|port| matches!(port.finding, Finding::Device(_)));
     let printed = if json { print(&findings.to_json()) } else { print(&findings) };
-    if is_found { printed } else { ExitCode::FAILURE }
+    Ok(if is_found { printed } else { ExitCode::FAILURE })
 }
 
 struct Findings(Vec<PortFinding>);

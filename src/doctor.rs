@@ -14,7 +14,7 @@ use supervisor::LastRun;
 
 use crate::{
     duration::duration,
-    failure::fail,
+    failure::{OrFail as _, Outcome},
     notice::colored_results,
     stdout::print,
     system::LocalSystemArgs,
@@ -44,15 +44,9 @@ pub(crate) struct DoctorCommand {
     duration: Duration,
 }
 
-pub(crate) fn run(DoctorCommand { system, fix, duration }: DoctorCommand) -> ExitCode {
-    let name = match system.name() {
-        Ok(name) => name,
-        Err(error) => return fail(&error, 3),
-    };
-    let system_name = match SystemName::new(&name) {
-        Ok(system_name) => system_name,
-        Err(error) => return fail(&error, 2),
-    };
+pub(crate) fn run(DoctorCommand { system, fix, duration }: DoctorCommand) -> Outcome {
+    let name = system.name()?;
+    let system_name = SystemName::new(&name).or_fail(2)?;
     let mut checks = machine::checks();
     checks.extend(leftovers::checks(system.selection.is_named().then_some(&system_name), fix));
     checks.extend(match system_name.owner_pid() {
@@ -77,7 +71,7 @@ pub(crate) fn run(DoctorCommand { system, fix, duration }: DoctorCommand) -> Exi
     } else {
         print(&colored_results(&diagnosis, DETAIL_COLUMN))
     };
-    if diagnosis.count(Severity::Problem) > 0 { ExitCode::FAILURE } else { printed }
+    Ok(if diagnosis.count(Severity::Problem) > 0 { ExitCode::FAILURE } else { printed })
 }
 
 /// Checks the running system of the given supervisor. Returns a failed check if it cannot be

@@ -3,19 +3,19 @@
 use std::{
     fmt::Display,
     path::{Path, PathBuf},
-    process::ExitCode,
 };
 
-use clap::Args;
+use clap::{Args, ValueEnum};
 use import::{
     ImportError, Mapping, MappingError, Note, Options, PlainRecording, Progress, Summary, convert,
     mcap_file::to_mcap,
     readable::{Event, ReadableFile, count_references},
 };
 use indicatif::ProgressBar;
+use launch::GyroSamples;
 
 use crate::{
-    failure::fail,
+    failure::Outcome,
     notice::{notice, progress_bar},
     stdout::print,
 };
@@ -89,6 +89,22 @@ pub(crate) struct SensorNumbers {
     pub(crate) gnss: Option<usize>,
 }
 
+/// Meaning of the rate samples of a recording.
+#[derive(Clone, Copy, ValueEnum)]
+pub(crate) enum RateSamples {
+    Means,
+    Instants,
+}
+
+impl From<RateSamples> for GyroSamples {
+    fn from(samples: RateSamples) -> Self {
+        match samples {
+            RateSamples::Means => Self::Means,
+            RateSamples::Instants => Self::Instants,
+        }
+    }
+}
+
 impl ReadOptions {
     /// Returns the options of the import.
     pub(crate) fn options(&self, sensors: SensorNumbers) -> Result<Options, MappingError> {
@@ -121,23 +137,18 @@ impl ReadOptions {
     }
 }
 
-pub(crate) fn run(Import { files, out, reading, sensors }: Import) -> ExitCode {
-    let options = reading.options(sensors).map_err(ImportError::from);
-    let result = options.and_then(|options| match out.extension() {
-        Some(extension) if extension == "mcap" => write_mcap(&files, &options, &out),
-        _ => convert_with_progress(&files, &options, &out).map(|summary| {
-            let text = summary_text(&summary, &out);
-            (text, summary.warning())
-        }),
-    });
-    match result {
-        Ok((text, warning)) => {
-            let code = print(&text);
-            warning.iter().for_each(announce_warning);
-            code
+pub(crate) fn run(Import { files, out, reading, sensors }: Import) -> Outcome {
+    let options = reading.options(sensors)?;
+    let (text, warning) = match out.extension() {
+        Some(extension) if extension == "mcap" => write_mcap(&files, &options, &out)?,
+        _ => {
+            let summary = convert_with_progress(&files, &options, &out)?;
+            (summary_text(&summary, &out), summary.warning())
         }
-        Err(error) => fail(&error, error.exit_code()),
-    }
+    };
+    let code = print(&text);
+    warning.iter().for_each(announce_warning);
+    Ok(code)
 }
 
 /// Imports the files and writes them as MCAP. A native recording is converted without importing it

@@ -3,19 +3,18 @@
 use std::{
     fmt,
     path::{Path, PathBuf},
-    process::ExitCode,
 };
 
 use clap::Args;
-use flight::{FlightError, FlightInfo};
+use flight::FlightInfo;
 use import::{Format, ImportError, PlainRecording, Segment, Sensor, readable::ReadableFile};
 use recording::{RecordingError, survey};
 use serde::Serialize;
 
 use crate::{
-    failure::{fail, fail_after_result},
+    failure::{Failure, Outcome, fail_after_result},
     import::{ReadOptions, SensorNumbers, announcer, summary_text},
-    stdout::print,
+    stdout::{print, print_result},
 };
 
 /// Arguments of `plumb info`.
@@ -37,25 +36,6 @@ pub(crate) struct Info {
     reading: ReadOptions,
     #[command(flatten)]
     sensors: SensorNumbers,
-}
-
-#[derive(Debug, thiserror::Error)]
-enum InfoError {
-    #[error(transparent)]
-    Flight(#[from] FlightError),
-    #[error(transparent)]
-    Import(#[from] ImportError),
-    #[error(transparent)]
-    Recording(#[from] RecordingError),
-}
-
-impl InfoError {
-    fn exit_code(&self) -> u8 {
-        match self {
-            Self::Import(error) if error.exit_code() == 2 => 2,
-            Self::Flight(_) | Self::Import(_) | Self::Recording(_) => 3,
-        }
-    }
 }
 
 /// Summary of a recording that is not a flight.
@@ -96,37 +76,30 @@ struct SensorInfo {
     is_read: bool,
 }
 
-pub(crate) fn run(Info { file, json, reading, sensors }: &Info) -> ExitCode {
-    let read = || -> Result<ExitCode, InfoError> {
-        Ok(match Format::detect(file)? {
-            Format::Mcap if !reading.is_set() => {
-                let info = FlightInfo::read(file)?;
-                let printed = show(&info, *json);
-                if !*json && !flight::is_flight(file) {
-                    // Segments, dead sensors and constant timestamps are detected only from the
-                    // samples.
-                    if let Ok(samples) = read_foreign_log(file, reading, *sensors) {
-                        print(&samples);
-                    }
-                }
-                match &info.incomplete {
-                    Some(why) => fail_after_result(&format_args!("{}: incomplete: {why}", foreign::path(file)), 1),
-                    None => printed,
-                }
+pub(crate) fn run(Info { file, json, reading, sensors }: &Info) -> Outcome {
+    let unreadable = |error: ImportError| Failure::new(&error, if error.exit_code() == 2 { 2 } else { 3 });
+    let read_samples = || read_foreign_log(file, reading, *sensors);
+    let format = Format::detect(file).map_err(unreadable)?;
+    if format == Format::Mcap && !reading.is_set() {
+        let info = FlightInfo::read(file)?;
+        let printed = print_result(&info, *json);
+        if !*json && !flight::is_flight(file) {
+            // Segments, dead sensors and constant timestamps are detected only from the samples.
+            if let Ok(samples) = read_samples() {
+                print(&samples);
             }
-            Format::Recording if !reading.is_set() => match PlainRecording::read(file) {
-                Some(plain) => show(&read_recording(file, &plain)?, *json),
-                None => show(&read_foreign_log(file, reading, *sensors)?, *json),
-            },
-            _ => show(&read_foreign_log(file, reading, *sensors)?, *json),
-        })
+        }
+        return Ok(match &info.incomplete {
+            Some(why) => fail_after_result(&format_args!("{}: incomplete: {why}", foreign::path(file)), 1),
+            None => printed,
+        });
+    }
+    let is_plain = format == Format::Recording && !reading.is_set();
+    let info = match is_plain.then(|| PlainRecording::read(file)).flatten() {
+        Some(plain) => read_recording(file, &plain)?,
+        None => read_samples().map_err(unreadable)?,
     };
-    read().unwrap_or_else(|error| fail(&error, error.exit_code()))
-}
-
-fn show<T: Serialize + fmt::Display>(info: &T, json: bool) -> ExitCode {
-    // Serialising numbers, strings and maps with string keys cannot fail.
-    if json { print(&serde_json::to_string(info).unwrap_or_default()) } else { print(info) }
+    Ok(print_result(&info, *json))
 }
 
 fn read_recording(file: &Path, plain: &PlainRecording) -> Result<RecordingInfo, RecordingError> {

@@ -6,7 +6,7 @@ use ::keys::{Host, Keys, KeysError, Party, Role, WrittenFolder, certificate::DEF
 use clap::{Args, Subcommand};
 
 use crate::{
-    failure::{fail, fail_after_result},
+    failure::{Outcome, fail_after_result},
     stdout::print,
 };
 
@@ -134,12 +134,13 @@ pub(crate) struct FolderArgs {
     json: bool,
 }
 
-pub(crate) fn run(command: Command) -> ExitCode {
-    let result = match command {
+pub(crate) fn run(command: Command) -> Outcome {
+    match command {
         Command::Init { router, issue } => init(&router, &issue),
         Command::Router { router, issue } => {
-            let issue_router = |keys: Keys| keys.router(&parse_hosts(&router.hosts)?, issue.days, issue.force);
-            issue.folder.open().and_then(issue_router).map(|written| print_written(&[written], &issue.folder))
+            let keys = issue.folder.open()?;
+            let written = keys.router(&parse_hosts(&router.hosts)?, issue.days, issue.force)?;
+            Ok(print_written(&[written], &issue.folder))
         }
         Command::Vehicle { party, hosts, imports } => vehicle(&party, &hosts, &imports),
         Command::Operator(party) => party.issue(Role::Operator, &[], &[]),
@@ -147,21 +148,20 @@ pub(crate) fn run(command: Command) -> ExitCode {
         Command::Revoke { party, folder } => revoke(&party, &folder),
         Command::List(folder) => list(&folder, false),
         Command::Check(folder) => list(&folder, true),
-    };
-    result.unwrap_or_else(|error| fail(&error, error.exit_code()))
+    }
 }
 
-fn init(router: &RouterArgs, issue: &IssueArgs) -> Result<ExitCode, KeysError> {
+fn init(router: &RouterArgs, issue: &IssueArgs) -> Outcome {
     let (_, written) = Keys::init(&issue.folder.dir, &parse_hosts(&router.hosts)?, issue.days, issue.force)?;
     Ok(print_written(&written, &issue.folder))
 }
 
-fn vehicle(party: &PartyArgs, hosts: &[String], imports: &[String]) -> Result<ExitCode, KeysError> {
+fn vehicle(party: &PartyArgs, hosts: &[String], imports: &[String]) -> Outcome {
     let imports: Vec<_> = imports.iter().map(|name| Party::new(Role::Vehicle, name)).collect::<Result<_, _>>()?;
     party.issue(Role::Vehicle, &parse_hosts(hosts)?, &imports)
 }
 
-fn revoke(party: &str, folder: &FolderArgs) -> Result<ExitCode, KeysError> {
+fn revoke(party: &str, folder: &FolderArgs) -> Outcome {
     let party: Party = party.parse()?;
     folder.open()?.revoke(&party)?;
     if folder.json {
@@ -174,7 +174,7 @@ fn revoke(party: &str, folder: &FolderArgs) -> Result<ExitCode, KeysError> {
     )))
 }
 
-fn list(folder: &FolderArgs, fail_if_due: bool) -> Result<ExitCode, KeysError> {
+fn list(folder: &FolderArgs, fail_if_due: bool) -> Outcome {
     let holders = folder.open()?.holders()?;
     let due: Vec<_> = holders.iter().filter(|it| !it.revoked && it.days_left < RENEWAL_WARNING_DAYS).collect();
     let printed = if folder.json {
@@ -228,7 +228,7 @@ fn parse_hosts(hosts: &[String]) -> Result<Vec<Host>, KeysError> {
 }
 
 impl PartyArgs {
-    fn issue(&self, role: Role, hosts: &[Host], imports: &[Party]) -> Result<ExitCode, KeysError> {
+    fn issue(&self, role: Role, hosts: &[Host], imports: &[Party]) -> Outcome {
         let Self { name, issue } = self;
         let party = Party::new(role, name)?;
         let written = issue.folder.open()?.issue(&party, hosts, imports, issue.days, issue.force)?;

@@ -36,7 +36,7 @@ mod up;
 #[cfg(feature = "cockpit")]
 mod view;
 
-use std::{env, fmt::Display, path::PathBuf, process::ExitCode};
+use std::{env, path::PathBuf, process::ExitCode};
 
 #[cfg(not(all(feature = "network", feature = "tui")))]
 use absent::station;
@@ -56,7 +56,7 @@ use mapping::names::UnknownName;
 #[cfg(feature = "network")]
 use ::remote;
 
-use failure::{fail, print_error_object};
+use failure::{OrFail as _, print_error_object};
 use stdout::print;
 
 /// Version, commit, build profile and Cargo features of this executable.
@@ -242,7 +242,7 @@ pub fn main() -> ExitCode {
     let Some(command) = cli.command else {
         return print(&command_line().render_help().to_string().trim_end());
     };
-    match command {
+    let outcome = match command {
         Command::Up(up) => up::run(up),
         Command::Down(down) => detached::down(down),
         Command::Logs(logs) => detached::logs(logs),
@@ -270,19 +270,20 @@ pub fn main() -> ExitCode {
         Command::Completions { shell } => manual::print_completions(command_line(), shell),
         Command::Man { folder } => manual::write_pages(command_line(), &folder),
         Command::Service { service } => {
-            let result: Result<(), Box<dyn Display>> = match service {
-                Service::Ingest => ingest::run().map_err(|error| Box::new(error) as _),
-                Service::Gyro => gyro::run().map_err(|error| Box::new(error) as _),
-                Service::Accel => accel::run().map_err(|error| Box::new(error) as _),
-                Service::Fuser => fuser::run().map_err(|error| Box::new(error) as _),
-                Service::Course => course::run().map_err(|error| Box::new(error) as _),
-                Service::Gateway => gateway::run().map_err(|error| Box::new(error) as _),
-                Service::Cockpit => cockpit::run().map_err(|error| Box::new(error) as _),
-                Service::Drivers => drivers::run().map_err(|error| Box::new(error) as _),
+            let ended = match service {
+                Service::Ingest => ingest::run().or_fail(1),
+                Service::Gyro => gyro::run().or_fail(1),
+                Service::Accel => accel::run().or_fail(1),
+                Service::Fuser => fuser::run().or_fail(1),
+                Service::Course => course::run().or_fail(1),
+                Service::Gateway => gateway::run().or_fail(1),
+                Service::Cockpit => cockpit::run().or_fail(1),
+                Service::Drivers => drivers::run().or_fail(1),
             };
-            result.map_or_else(|error| fail(&error, 1), |()| ExitCode::SUCCESS)
+            ended.map(|()| ExitCode::SUCCESS)
         }
-    }
+    };
+    outcome.unwrap_or_else(|failure| failure.report())
 }
 
 /// Prints the help, the version or a usage error.

@@ -1,11 +1,11 @@
 //! `plumb paper`: reproduces the figures and tables of the papers behind the stages.
 
-use std::{path::PathBuf, process::ExitCode};
+use std::path::PathBuf;
 
 use clap::{Args, ValueEnum};
 use papers::{Paper, picture::Picture};
 
-use crate::{failure::fail, notice::progress_bar, stdout::print};
+use crate::{failure::Outcome, notice::progress_bar, stdout::print};
 
 /// Arguments of `plumb paper`.
 #[derive(Args)]
@@ -51,7 +51,7 @@ impl PaperArg {
     }
 }
 
-pub(crate) fn run(command: &PaperCommand) -> ExitCode {
+pub(crate) fn run(command: &PaperCommand) -> Outcome {
     let mut text = String::new();
     for paper in command.paper.papers() {
         let bar = progress_bar(0, "{msg} {bar:40} {pos}/{len}, {eta} left").with_message(paper.name());
@@ -60,17 +60,12 @@ pub(crate) fn run(command: &PaperCommand) -> ExitCode {
             bar.set_position(done);
         });
         bar.finish_and_clear();
-        match result {
-            Ok(parts) => {
-                for part in &parts {
-                    if let Picture::Table(table) = &part.picture {
-                        text += &format!("{}: {}\n{table}\n\n", paper.name(), part.title);
-                    }
-                }
+        for part in result? {
+            if let Picture::Table(table) = &part.picture {
+                text += &format!("{}: {}\n{table}\n\n", paper.name(), part.title);
             }
-            Err(error) => return fail(&error, 1),
         }
     }
     text += &format!("All figures: {}", foreign::path(&command.out_dir.join(papers::page::INDEX_FILE)));
-    print(&text)
+    Ok(print(&text))
 }

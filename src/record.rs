@@ -1,6 +1,6 @@
 //! `plumb record`: records a running system to a file.
 
-use std::{path::PathBuf, process::ExitCode, thread, time::Duration};
+use std::{path::PathBuf, thread, time::Duration};
 
 use clap::Args;
 use flight::{FlightError, RecordingSummary};
@@ -10,8 +10,8 @@ use observe::system_recording::{SystemRecording, SystemRecordingError};
 
 use crate::{
     duration::duration,
-    failure::{fail, fail_after_result},
-    stdout::print,
+    failure::{Failure, Outcome, fail_after_result},
+    stdout::print_result,
     system::LocalSystemArgs,
     topics::{POLL_INTERVAL, StopCondition},
 };
@@ -44,24 +44,11 @@ fn exit_code(error: &SystemRecordingError) -> u8 {
     if matches!(error, SystemRecordingError::Flight(FlightError::Exists { .. })) { 2 } else { 1 }
 }
 
-pub(crate) fn run(record: &Record) -> ExitCode {
-    let name = match record.system.name() {
-        Ok(name) => name,
-        Err(error) => return fail(&error, 3),
-    };
-    let summary = match record_until_stopped(&name, record) {
-        Ok(summary) => summary,
-        Err(error) => return fail(&error, exit_code(&error)),
-    };
-    let printed = match record.system.json {
-        // Serialising numbers, strings and lists cannot fail.
-        true => print(&serde_json::to_string(&summary).unwrap_or_default()),
-        false => print(&summary),
-    };
-    match &summary.error {
-        Some(error) => fail_after_result(error, 1),
-        None => printed,
-    }
+pub(crate) fn run(record: &Record) -> Outcome {
+    let recorded = record_until_stopped(&record.system.name()?, record);
+    let summary = recorded.map_err(|error| Failure::new(&error, exit_code(&error)))?;
+    let printed = print_result(&summary, record.system.json);
+    Ok(summary.error.map_or(printed, |error| fail_after_result(&error, 1)))
 }
 
 /// Records until the time limit is reached, a signal arrives or the system ends.

@@ -1,15 +1,12 @@
 //! `plumb score`: scores stages on recordings and simulations.
 
-use std::{
-    path::{Path, PathBuf},
-    process::ExitCode,
-};
+use std::path::{Path, PathBuf};
 
 use ::import::{
     ImportError, Table,
     readable::{ReadableFile, ReadableTable},
 };
-use clap::{Args, ValueEnum};
+use clap::Args;
 use launch::{GyroSamples, Ingest, Launch, LaunchError};
 use mapping::names::UnknownName;
 use score::{
@@ -22,8 +19,8 @@ use score::{
 };
 
 use crate::{
-    failure::fail,
-    import::{ReadOptions, SensorNumbers, announce_deferred_warning, announce_references, announcer},
+    failure::{Failure, Outcome},
+    import::{RateSamples, ReadOptions, SensorNumbers, announce_deferred_warning, announce_references, announcer},
     notice::{notice, progress_bar},
     stdout::print,
     system::LaunchArgs,
@@ -99,7 +96,7 @@ pub(crate) struct Score {
     arbitrary_headings: Vec<String>,
     /// Meaning of a rate sample: mean or end value [default: means]
     #[arg(long, value_name = "means|instants")]
-    gyro_samples: Option<Samples>,
+    gyro_samples: Option<RateSamples>,
     /// Folder for attitudes: a TRIAL.csv of t_s,qw,qx,qy,qz per trial
     #[arg(long, value_name = "DIR")]
     out_dir: Option<PathBuf>,
@@ -158,26 +155,20 @@ enum Set {
     Range(SettingRange),
 }
 
-#[derive(Clone, Copy, ValueEnum)]
-enum Samples {
-    Means,
-    Instants,
-}
-
-pub(crate) fn run(score: Score) -> ExitCode {
+pub(crate) fn run(score: Score) -> Outcome {
     let Score { files, gyro, accel, fusers, course, launch, settings, mag, gnss, gyro_samples, .. } = score;
     let Score { out_dir, csv, plot, from, to, size, report, tune, all_errors, json, reading, reference, .. } = score;
     let Score { estimates, arbitrary_headings, .. } = score;
     if reference.is_some() && !matches!(&files[..], [file] if !file.starts_with("sim:")) {
-        return fail(&"--reference belongs to a single recording; score other files separately", 2);
+        return Err(Failure::new("--reference belongs to a single recording; score other files separately", 2));
     }
     if to.is_some_and(|to| to <= from) {
-        return fail(&"--to must be later than --from", 2);
+        return Err(Failure::new("--to must be later than --from", 2));
     }
     let estimate_names: Vec<&str> = estimates.iter().map(|(name, _)| name.as_str()).collect();
     if let Some(unknown) = arbitrary_headings.iter().find(|name| !estimate_names.contains(&name.as_str())) {
         let unknown = UnknownName::new("estimate", unknown, estimate_names);
-        return fail(&format_args!("--arbitrary-heading: {unknown}"), 2);
+        return Err(Failure::new(format_args!("--arbitrary-heading: {unknown}"), 2));
     }
     let (mut values, mut sweeps) = (Vec::new(), Vec::new());
     for setting in settings {
@@ -186,14 +177,8 @@ pub(crate) fn run(score: Score) -> ExitCode {
             Set::Range(range) => sweeps.push(range),
         }
     }
-    let gyro_samples = gyro_samples.map(|samples| match samples {
-        Samples::Means => GyroSamples::Means,
-        Samples::Instants => GyroSamples::Instants,
-    });
-    let base = match base_launch(&launch, [&gyro, &accel, &course].into_iter().flatten().chain(&fusers)) {
-        Ok(base) => base,
-        Err(error) => return fail(&error, 3),
-    };
+    let gyro_samples = gyro_samples.map(GyroSamples::from);
+    let base = base_launch(&launch, [&gyro, &accel, &course].into_iter().flatten().chain(&fusers))?;
     // An imported recording is a temporary file that is removed on drop, so it is kept until the
     // end of the run.
     let sensors = SensorNumbers {
@@ -206,11 +191,8 @@ pub(crate) fn run(score: Score) -> ExitCode {
             GnssChoice::Fixes(_) => None,
         },
     };
-    let opened = files.iter().map(|file| readable(file, &reading, sensors)).collect::<Result<Vec<_>, _>>();
-    let readable = match opened {
-        Ok(readable) => readable.into_iter().flatten().collect::<Vec<_>>(),
-        Err(error) => return fail(&error, error.exit_code()),
-    };
+    let opened = files.iter().map(|file| readable(file, &reading, sensors)).collect::<Result<Vec<_>, _>>()?;
+    let readable: Vec<_> = opened.into_iter().flatten().collect();
     let reference_table = reference.as_ref().map(|path| ReadableTable::open(path, Table::Reference, &mut announcer()));
     let fixes_table = match &gnss {
         GnssChoice::Fixes(Gnss::File(fixes)) => Some(ReadableTable::open(fixes, Table::Fixes, &mut announcer())),
@@ -275,9 +257,9 @@ pub(crate) fn run(score: Score) -> ExitCode {
     match scores {
         Ok(scores) if json => {
             notice(&scores);
-            print(&scores.json())
+            Ok(print(&scores.json()))
         }
-        Ok(scores) => print(&scores),
+        Ok(scores) => Ok(print(&scores)),
         Err(error) => {
             let text = readable.iter().fold(error.to_string(), |text, trial| match trial {
                 TrialFile::Recording(readable) => readable.with_user_path(&text),
@@ -285,7 +267,7 @@ pub(crate) fn run(score: Score) -> ExitCode {
             });
             let tables = reference_table.iter().chain(&fixes_table).chain(&estimate_tables);
             let text = tables.fold(text, |text, table| table.with_user_path(&text));
-            fail(&text, error.exit_code())
+            Err(Failure::new(text, error.exit_code()))
         }
     }
 }

@@ -13,7 +13,7 @@ use serde::Serialize;
 
 use crate::{
     duration::duration,
-    failure::fail,
+    failure::{Failure, OrFail as _, Outcome},
     notice::{colored_results, notice, progress_bar},
     stdout::print,
     system::LaunchArgs,
@@ -97,7 +97,7 @@ pub(crate) enum Lang {
     C,
 }
 
-pub(crate) fn run(command: Stage) -> ExitCode {
+pub(crate) fn run(command: Stage) -> Outcome {
     match command {
         Stage::New { name, lang, slot, dir, source } => new(name, lang, slot, dir, source),
         Stage::List { launch, json } => list(&launch, json),
@@ -107,41 +107,28 @@ pub(crate) fn run(command: Stage) -> ExitCode {
     }
 }
 
-fn list(launch: &LaunchArgs, json: bool) -> ExitCode {
-    let launch = match launch.read() {
-        Ok(launch) => launch,
-        Err(error) => return fail(&error, 3),
-    };
-    match Catalogue::new(&launch) {
-        Ok(catalogue) if json => print(&catalogue.json()),
-        Ok(catalogue) => print(&catalogue),
-        Err(error) => fail(&error, 1),
-    }
+fn list(launch: &LaunchArgs, json: bool) -> Outcome {
+    let catalogue = Catalogue::new(&launch.read()?).or_fail(1)?;
+    Ok(if json { print(&catalogue.json()) } else { print(&catalogue) })
 }
 
 fn parse_slot(name: &str) -> Result<Slot, String> {
     Slot::from_name(name).ok_or_else(|| UnknownName::new("slot", name, Slot::ALL.map(Slot::name)).to_string())
 }
 
-fn new(name: String, lang: Lang, slot: Slot, dir: Option<PathBuf>, source: Option<String>) -> ExitCode {
+fn new(name: String, lang: Lang, slot: Slot, dir: Option<PathBuf>, source: Option<String>) -> Outcome {
     let folder = dir.unwrap_or_else(|| name.clone().into());
-    let source = match source.map_or(Ok(String::new()), |source| crates_source(&source)) {
-        Ok(source) => source,
-        Err(reason) => return fail(&format_args!("cannot use --source: {reason}"), 2),
-    };
+    let source = source.map_or(Ok(String::new()), |source| crates_source(&source));
+    let source = source.map_err(|reason| Failure::new(format_args!("cannot use --source: {reason}"), 2))?;
     let language = match lang {
         Lang::Rust => Language::Rust { source },
         Lang::Python => Language::Python,
         Lang::C => Language::C,
     };
-    match (Template { language, slot, name }).write(&folder) {
-        Ok(()) => {
-            notice(format_args!("{} created; see its README.md for the next steps", foreign::path(&folder)));
-            ExitCode::SUCCESS
-        }
-        Err(error @ TemplateError::Write { .. }) => fail(&error, 1),
-        Err(error) => fail(&error, 2),
-    }
+    let written = Template { language, slot, name }.write(&folder);
+    written.map_err(|error| Failure::new(&error, if matches!(error, TemplateError::Write { .. }) { 1 } else { 2 }))?;
+    notice(format_args!("{} created; see its README.md for the next steps", foreign::path(&folder)));
+    Ok(ExitCode::SUCCESS)
 }
 
 /// Returns the location of Plumbline's crates as a URL or absolute path. A crate in any folder can
@@ -160,15 +147,11 @@ fn crates_source(source: &str) -> Result<String, String> {
     Ok(absolute.to_string_lossy().into_owned())
 }
 
-fn test(slot: Option<Slot>, names: &[String], launch: &LaunchArgs, time: Option<Duration>, json: bool) -> ExitCode {
+fn test(slot: Option<Slot>, names: &[String], launch: &LaunchArgs, time: Option<Duration>, json: bool) -> Outcome {
     let is_built_in = |wanted: &String| conformance::stages().any(|(_, name)| name == wanted);
     // A launch file is needed only for stages that are not built in.
-    let result =
-        if launch.launch.is_none() && names.iter().all(is_built_in) { Ok(Launch::default()) } else { launch.read() };
-    let launch = match result {
-        Ok(launch) => launch,
-        Err(error) => return fail(&error, 3),
-    };
+    let needs_no_file = launch.launch.is_none() && names.iter().all(is_built_in);
+    let launch = if needs_no_file { Launch::default() } else { launch.read()? };
     let selected = |(of, name): &(Slot, &str)| {
         slot.is_none_or(|slot| slot == *of) && (names.is_empty() || names.iter().any(|wanted| wanted == name))
     };
@@ -183,7 +166,7 @@ fn test(slot: Option<Slot>, names: &[String], launch: &LaunchArgs, time: Option<
             Some(Err(error)) => error.to_string(),
             _ => UnknownName::new("stage", name, all).to_string(),
         };
-        return fail(&format_args!("{unknown}; --launch names the launch file of your own stages"), 2);
+        return Err(Failure::new(format_args!("{unknown}; --launch names the launch file of your own stages"), 2));
     }
     let (built_in, external): (Vec<_>, Vec<_>) =
         selected_stages.into_iter().partition(|(_, name)| !launch.stages.contains_key(*name));
@@ -197,26 +180,23 @@ fn test(slot: Option<Slot>, names: &[String], launch: &LaunchArgs, time: Option<
         let on_check = &|check: &str| bar.set_message(format!("{slot} {name}: {check}"));
         let result = conformance::run_external(name, program, time, on_check);
         bar.finish_and_clear();
-        match result {
-            Ok(report) => reports.push(report),
-            Err(error) => return fail(&error, 1),
-        }
+        reports.push(result.or_fail(1)?);
     }
     if reports.iter().any(|report| !report.left_out.is_empty()) {
         notice("checks were left out for lack of time; to run all: --complete");
     }
     for report in reports.iter().filter(|_| !json) {
         if print(&colored_results(report, 4)) != ExitCode::SUCCESS {
-            return ExitCode::FAILURE;
+            return Ok(ExitCode::FAILURE);
         }
     }
     if json {
         let printed = print(&serde_json::to_string(&Reports { reports: &reports }).unwrap_or_default());
         if printed != ExitCode::SUCCESS {
-            return printed;
+            return Ok(printed);
         }
     }
-    if reports.iter().all(Report::passed) { ExitCode::SUCCESS } else { ExitCode::FAILURE }
+    Ok(if reports.iter().all(Report::passed) { ExitCode::SUCCESS } else { ExitCode::FAILURE })
 }
 
 /// Reports of all tested stages, for `--json`.

@@ -19,6 +19,7 @@ use rustix::{
     event::{PollFd, PollFlags, Timespec, poll},
     io::Errno,
 };
+use serde::Serialize;
 use signal_hook::{
     consts::{SIGHUP, SIGINT, SIGTERM},
     flag::register_conditional_default,
@@ -35,6 +36,13 @@ const POLL_INTERVAL: Timespec = Timespec { tv_sec: 0, tv_nsec: 100_000_000 };
 /// Prints the result of a command, or the last of several results, and returns the exit code.
 pub(crate) fn print(text: &dyn Display) -> ExitCode {
     print_item(text).break_value().unwrap_or(ExitCode::SUCCESS)
+}
+
+/// Prints the result of a command as text or as one JSON object, and returns the exit code.
+pub(crate) fn print_result<T: Display + Serialize>(result: &T, json: bool) -> ExitCode {
+    // The results contain only numbers, texts, lists and maps with text keys, which can always be
+    // serialised.
+    if json { print(&serde_json::to_string(result).unwrap_or_default()) } else { print(result) }
 }
 
 /// Prints one of several results. Breaks with the exit code if the output is closed or fails.

@@ -18,9 +18,9 @@ use supervisor::LastRun;
 
 use crate::{
     duration::duration,
-    failure::fail,
+    failure::{Failure, OrFail as _, Outcome},
     remote,
-    stdout::{self, print},
+    stdout::{print, print_item},
     system::SystemArgs,
     topics::{LateTopic, StopCondition, observer},
 };
@@ -67,73 +67,53 @@ pub(crate) struct Shadow {
 }
 
 /// Swaps the stage of a slot.
-pub(crate) fn swap(swap: Swap) -> ExitCode {
-    let json = swap.system.json();
-    if let Some((vehicle, endpoint)) = swap.system.remote() {
-        let stage = swap.request(false).stage;
-        let answer = endpoint.open().and_then(|link| remote::swap(&link, &endpoint, vehicle, &swap.slot, stage));
-        return match answer {
-            Ok(report) => print_report(&report, json),
-            Err(error) => fail(&error, error.exit_code()),
-        };
-    }
-    let name = match swap.system.name() {
-        Ok(name) => name,
-        Err(error) => return fail(&error, 3),
+pub(crate) fn swap(swap: Swap) -> Outcome {
+    let request = swap.request(false);
+    let report = match swap.system.remote() {
+        Some((vehicle, endpoint)) => remote::swap(&endpoint.open()?, &endpoint, vehicle, &swap.slot, request.stage)?,
+        None => send_request(&swap.system.name()?, &ControlRequest::Swap(request))?,
     };
-    match send_request::<SwapReport>(&name, &ControlRequest::Swap(swap.request(false))) {
-        Ok(report) => print_report(&report, json),
-        Err(error) => fail(&error, 1),
-    }
+    Ok(print_report(&report, swap.system.json()))
 }
 
 /// Runs a stage in shadow and prints its difference from the active stage.
-pub(crate) fn shadow(shadow: Shadow) -> ExitCode {
+pub(crate) fn shadow(shadow: Shadow) -> Outcome {
     let Shadow { swap, duration } = shadow;
     if swap.system.remote().is_some() {
-        return fail(
-            &"--remote is not supported for a shadow; run `plumb shadow` on the vehicle, or use `plumb swap --remote`",
+        return Err(Failure::new(
+            "--remote is not supported for a shadow; run `plumb shadow` on the vehicle, or use `plumb swap --remote`",
             2,
-        );
+        ));
     }
     let json = swap.system.json();
-    let name = match swap.system.name() {
-        Ok(name) => name,
-        Err(error) => return fail(&error, 3),
-    };
-    let Some(service) = Service::from_name(&swap.slot) else {
-        return fail(&UnknownName::new("slot", &swap.slot, Slot::ALL.map(Slot::name)), 2);
-    };
+    let name = swap.system.name()?;
+    let unknown = || UnknownName::new("slot", &swap.slot, Slot::ALL.map(Slot::name));
+    let service = Service::from_name(&swap.slot).ok_or_else(unknown)?;
     let mut stop = StopCondition::new(|| true, duration);
     let request = ControlRequest::Swap(swap.request(true));
     let reply = std::thread::spawn({
         let name = name.clone();
         move || send_request::<SwapReport>(&name, &request)
     });
-    let printed = print_differences(&name, service, json, &mut || stop.is_met() || reply.is_finished());
-    let outcome = match printed {
-        Ok(outcome) => outcome,
-        Err(error) => return fail(&error, 1),
-    };
+    let printed = print_differences(&name, service, json, &mut || stop.is_met() || reply.is_finished())?;
     let finished_by_itself = reply.is_finished();
-    if !finished_by_itself
-        && let Err(error) = send_request::<()>(&name, &ControlRequest::Cancel { slot: service.name().into() })
-    {
-        return fail(&error, 1);
+    if !finished_by_itself {
+        send_request::<()>(&name, &ControlRequest::Cancel { slot: service.name().into() })?;
     }
     let requested_at = Instant::now();
     while !reply.is_finished() {
         if requested_at.elapsed() > CANCEL_TIMEOUT {
-            return fail(&"the system has not confirmed the end of the shadow; check it with `plumb doctor`", 1);
+            let message = "the system has not confirmed the end of the shadow; check it with `plumb doctor`";
+            return Err(Failure::new(message, 1));
         }
         std::thread::sleep(Duration::from_millis(5));
     }
-    match reply.join() {
-        Ok(Ok(report)) if finished_by_itself => print_report(&report, json),
-        Ok(Ok(_)) => outcome.break_value().unwrap_or(ExitCode::SUCCESS),
-        Ok(Err(error)) => fail(&error, 1),
-        Err(_) => fail(&"the request to the system failed: its thread panicked", 1),
-    }
+    let panicked = |_| Failure::new("the request to the system failed: its thread panicked", 1);
+    let report = reply.join().map_err(panicked)??;
+    Ok(match finished_by_itself {
+        true => print_report(&report, json),
+        false => printed.break_value().unwrap_or(ExitCode::SUCCESS),
+    })
 }
 
 /// Returns the text of an error. If the system is not running because its last run failed or was
@@ -153,37 +133,30 @@ struct Services {
 }
 
 /// Prints the status of each service.
-pub(crate) fn ps(system: SystemArgs) -> ExitCode {
-    let result = match system.remote() {
-        Some((vehicle, endpoint)) => endpoint
-            .open()
-            .and_then(|link| remote::services(&link, vehicle))
-            .map_err(|error| (error.to_string(), error.exit_code())),
-        None => system.name().map_err(|error| (error.to_string(), 3)).and_then(|name| {
-            send_request::<Vec<ServiceStatus>>(&name, &ControlRequest::Status)
-                .map_err(|error| (with_last_run(&error), 1))
-        }),
-    };
-    match result {
-        Ok(services) if system.json() => print(&serde_json::to_string(&Services { services }).unwrap_or_default()),
-        Ok(services) => {
-            let line = |one: &ServiceStatus| {
-                let ServiceStatus { service, stage, state, pid, restarts, epoch, ticks, lost, address, .. } = one;
-                let pid = pid.map_or("-".into(), |pid| pid.to_string());
-                // Only services without a stage have an address, so both are printed in the same
-                // column.
-                let address = address.as_ref().map(ToString::to_string);
-                let stage = stage.as_ref().map(ToString::to_string).or(address).unwrap_or_else(|| "-".into());
-                format!("{service:<8}{stage:<22} {state:<10}{pid:>8}{restarts:>9}{epoch:>6}{ticks:>10}{lost:>6}")
-            };
-            let head = format!(
-                "{:<8}{:<22} {:<10}{:>8}{:>9}{:>6}{:>10}{:>6}",
-                "service", "stage or address", "state", "pid", "restarts", "epoch", "ticks", "lost"
-            );
-            print(&[vec![head], services.iter().map(line).collect()].concat().join("\n"))
+pub(crate) fn ps(system: SystemArgs) -> Outcome {
+    let services = match system.remote() {
+        Some((vehicle, endpoint)) => remote::services(&endpoint.open()?, vehicle)?,
+        None => {
+            let statuses = send_request::<Vec<ServiceStatus>>(&system.name()?, &ControlRequest::Status);
+            statuses.map_err(|error| with_last_run(&error)).or_fail(1)?
         }
-        Err((error, code)) => fail(&error, code),
+    };
+    if system.json() {
+        return Ok(print(&serde_json::to_string(&Services { services }).unwrap_or_default()));
     }
+    let line = |one: &ServiceStatus| {
+        let ServiceStatus { service, stage, state, pid, restarts, epoch, ticks, lost, address, .. } = one;
+        let pid = pid.map_or("-".into(), |pid| pid.to_string());
+        // Only services without a stage have an address, so both are printed in the same column.
+        let address = address.as_ref().map(ToString::to_string);
+        let stage = stage.as_ref().map(ToString::to_string).or(address).unwrap_or_else(|| "-".into());
+        format!("{service:<8}{stage:<22} {state:<10}{pid:>8}{restarts:>9}{epoch:>6}{ticks:>10}{lost:>6}")
+    };
+    let head = format!(
+        "{:<8}{:<22} {:<10}{:>8}{:>9}{:>6}{:>10}{:>6}",
+        "service", "stage or address", "state", "pid", "restarts", "epoch", "ticks", "lost"
+    );
+    Ok(print(&[vec![head], services.iter().map(line).collect()].concat().join("\n")))
 }
 
 /// Prints the differences of the slot's candidate until `stop` returns `true` or the output is
@@ -209,7 +182,7 @@ fn print_differences(
         }
         if let Some(difference) = newest.filter(|_| shown_at.elapsed() > SHOW_INTERVAL) {
             shown_at = Instant::now();
-            outcome = stdout::print_item(&difference_line(&difference, json));
+            outcome = print_item(&difference_line(&difference, json));
         }
     }
     Ok(outcome)

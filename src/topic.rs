@@ -14,11 +14,11 @@ use observe::{
 
 use crate::{
     duration::duration,
-    failure::fail,
+    failure::{Failure, Outcome},
     notice::notice,
     stdout::{print, print_item},
     system::SystemArgs,
-    topics::{ObserveError, OnMessage, POLL_INTERVAL, StopCondition, TopicSource, TopicView, frame::DisplayFrame},
+    topics::{OnMessage, POLL_INTERVAL, StopCondition, TopicSource, TopicView, frame::DisplayFrame},
 };
 
 /// Default time over which rates are measured.
@@ -89,18 +89,17 @@ pub(crate) struct TopicArgs {
     duration: Option<Duration>,
 }
 
-pub(crate) fn run(command: TopicCommand) -> ExitCode {
-    let result = match command {
+pub(crate) fn run(command: TopicCommand) -> Outcome {
+    match command {
         TopicCommand::List { system, duration } => list(&system, duration),
         TopicCommand::Info(args) => info(&args),
         TopicCommand::Echo { args, every } => echo(&args, every),
         TopicCommand::Hz(args) => print_rate(&args, FlowReport::rate_line),
         TopicCommand::Bw(args) => print_rate(&args, FlowReport::bandwidth_line),
-    };
-    result.unwrap_or_else(|error| fail(&error, error.exit_code()))
+    }
 }
 
-fn list(system: &SystemArgs, duration: Option<Duration>) -> Result<ExitCode, ObserveError> {
+fn list(system: &SystemArgs, duration: Option<Duration>) -> Outcome {
     let source = TopicSource::open(system, "topic list")?;
     let views = source.open_all()?;
     let topics =
@@ -116,7 +115,7 @@ fn list(system: &SystemArgs, duration: Option<Duration>) -> Result<ExitCode, Obs
     Ok(print(&lines.join("\n")))
 }
 
-fn info(TopicArgs { topic, system, duration, .. }: &TopicArgs) -> Result<ExitCode, ObserveError> {
+fn info(TopicArgs { topic, system, duration, .. }: &TopicArgs) -> Outcome {
     let source = TopicSource::open(system, "topic info")?;
     let view = source.open_topic(topic)?;
     let stop = StopCondition::new(|| source.is_running(), Some(duration.unwrap_or(DEFAULT_RATE_PERIOD)));
@@ -128,7 +127,7 @@ fn info(TopicArgs { topic, system, duration, .. }: &TopicArgs) -> Result<ExitCod
 }
 
 /// Receives messages of the topics until the stop condition is met.
-fn observe(mut views: Vec<TopicView>, mut stop: StopCondition) -> Result<Vec<TopicInfo>, ObserveError> {
+fn observe(mut views: Vec<TopicView>, mut stop: StopCondition) -> Result<Vec<TopicInfo>, Failure> {
     while !stop.is_met() {
         std::thread::sleep(POLL_INTERVAL);
         views.iter_mut().try_for_each(|topic| topic.poll(&mut |_, _, _| true))?;
@@ -136,7 +135,7 @@ fn observe(mut views: Vec<TopicView>, mut stop: StopCondition) -> Result<Vec<Top
     views.into_iter().map(TopicView::into_topic).collect()
 }
 
-fn echo(args: &TopicArgs, every: u64) -> Result<ExitCode, ObserveError> {
+fn echo(args: &TopicArgs, every: u64) -> Outcome {
     let frame = DisplayFrame::from_system(&args.system)?;
     let (mut received, mut printed) = (0, ControlFlow::Continue(()));
     let messages = args.count.map(|count| (count - 1).saturating_mul(every).saturating_add(1));
@@ -150,7 +149,7 @@ fn echo(args: &TopicArgs, every: u64) -> Result<ExitCode, ObserveError> {
                 printed = match frame.record(layout, bytes, reported) {
                     Ok(record) if args.system.json() => print_item(&record.to_json()),
                     Ok(record) => print_item(&format_args!("{}:{record}", args.topic)),
-                    Err(error) => ControlFlow::Break(fail(&error, 1)),
+                    Err(error) => ControlFlow::Break(Failure::new(error, 1).report()),
                 };
             }
             printed.is_continue()
@@ -164,7 +163,7 @@ fn echo(args: &TopicArgs, every: u64) -> Result<ExitCode, ObserveError> {
     Ok(ExitCode::SUCCESS)
 }
 
-fn print_rate(args: &TopicArgs, line: impl Fn(&FlowReport) -> String) -> Result<ExitCode, ObserveError> {
+fn print_rate(args: &TopicArgs, line: impl Fn(&FlowReport) -> String) -> Outcome {
     let json = args.system.json();
     let (mut printed_at, mut printed) = (None, ControlFlow::Continue(()));
     let report = follow_topic(args, args.count, "topic hz", &mut |_, _, _| true, &mut |flow| {
@@ -192,7 +191,7 @@ fn follow_topic(
     observer_name: &str,
     on_message: &mut OnMessage<'_>,
     on_poll: &mut dyn FnMut(&FlowMonitor) -> bool,
-) -> Result<FlowReport, ObserveError> {
+) -> Result<FlowReport, Failure> {
     let source = TopicSource::open(system, observer_name)?;
     let mut view = source.open_topic(topic)?;
     let mut stop = StopCondition::new(|| source.is_running(), *duration);

@@ -18,7 +18,7 @@ use crate::{
     absent::absent_services,
     detached,
     duration::duration,
-    failure::{fail, fail_after_result},
+    failure::{Failure, Outcome, fail_after_result},
     import::{ReadOptions, SensorNumbers, announce_deferred_warning, announcer},
     notice::{is_quiet, notice},
     replay,
@@ -96,28 +96,12 @@ pub(crate) struct Up {
     sensors: SensorNumbers,
 }
 
-pub(crate) fn run(up: Up) -> ExitCode {
-    let Up {
-        launch,
-        source,
-        receiver,
-        replay,
-        speed,
-        duration,
-        in_process,
-        out,
-        columns,
-        record,
-        cold,
-        readings,
-        trust_programs,
-        detach,
-        json,
-        reading,
-        sensors,
-    } = up;
+pub(crate) fn run(up: Up) -> Outcome {
+    let Up { launch, source, receiver, replay, speed, duration, in_process, out, columns, record, .. } = up;
+    let Up { cold, readings, trust_programs, detach, json, reading, sensors, .. } = up;
     if json && out.as_deref() == Some(Path::new(STANDARD_OUTPUT)) {
-        return fail(&"--json and `--out -` both write to standard output; write the attitudes to a file", 2);
+        let message = "--json and `--out -` both write to standard output; write the attitudes to a file";
+        return Err(Failure::new(message, 2));
     }
     if detach {
         return detached::start(&launch);
@@ -154,10 +138,7 @@ pub(crate) fn run(up: Up) -> ExitCode {
     };
     let report = report(request, &reading, sensors, trust_programs);
     let printed = if json { print(&report.to_json()) } else { ExitCode::SUCCESS };
-    match &report.error {
-        Some(error) => fail_after_result(error, report.exit_code),
-        None => printed,
-    }
+    Ok(report.error.map_or(printed, |error| fail_after_result(&error, report.exit_code)))
 }
 
 /// Replays a flight, or runs the system. If the source is a foreign recording, it is imported

@@ -12,7 +12,8 @@ use launch::TopicRate;
 use messages::{AttitudeOutput, GnssFix, ImuSample};
 use runtime::{clock::monotonic_ns, decimator::Decimator};
 
-use super::sender::{AttitudeSender, BridgeArgs, BridgeError, Inputs, SendCounts, rate_hz};
+use super::sender::{AttitudeSender, BridgeArgs, Inputs, SendCounts, rate_hz};
+use crate::{failure::Outcome, stdout::print_result};
 
 /// Interval between two heartbeats.
 const HEARTBEAT_INTERVAL: Duration = Duration::from_secs(1);
@@ -32,7 +33,7 @@ a position, GLOBAL_POSITION_INT. Only component 1 is shown as a vehicle
 (docs/how-to/bridges.md).")]
 pub(crate) struct Mavlink {
     #[command(flatten)]
-    pub(super) args: BridgeArgs,
+    args: BridgeArgs,
     /// Destination of the datagrams
     #[arg(long, value_name = "udpout:HOST:PORT", default_value = "udpout:127.0.0.1:14550")]
     to: Endpoint,
@@ -48,11 +49,11 @@ pub(crate) struct Mavlink {
 }
 
 impl Mavlink {
-    pub(super) fn run(&self) -> Result<SendCounts, BridgeError> {
+    pub(super) fn run(&self) -> Outcome {
         let observer = self.args.attach()?;
         let mut sender = MavlinkSender::open(self)?;
         self.args.forward(&observer, Inputs { fixes: true, ..Inputs::default() }, &mut sender)?;
-        Ok(sender.counts)
+        Ok(print_result(&sender.counts, self.args.system.json))
     }
 }
 

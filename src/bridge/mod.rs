@@ -9,13 +9,11 @@ mod sender;
 #[cfg(feature = "network")]
 mod status_poller;
 
-use std::process::ExitCode;
-
 use clap::Subcommand;
 
 #[cfg(not(feature = "network"))]
 use crate::absent::{ros, ros_sensor};
-use sender::print_counts;
+use crate::failure::Outcome;
 
 #[derive(Subcommand)]
 pub(crate) enum Bridge {
@@ -27,9 +25,9 @@ pub(crate) enum Bridge {
     RosSensor(ros_sensor::RosSensor),
 }
 
-pub(crate) fn run(bridge: &Bridge) -> ExitCode {
+pub(crate) fn run(bridge: &Bridge) -> Outcome {
     match bridge {
-        Bridge::Mavlink(mavlink) => print_counts(mavlink.run(), mavlink.args.system.json),
+        Bridge::Mavlink(mavlink) => mavlink.run(),
         Bridge::Ros(ros) => ros::run(ros),
         Bridge::RosSensor(sensor) => ros_sensor::run(sensor),
     }

@@ -1,9 +1,6 @@
 //! `plumb bridge ros`: publishes attitude, transform, magnetic field and diagnostics over Zenoh.
 
-use std::{
-    process::ExitCode,
-    time::{Duration, Instant, SystemTime, UNIX_EPOCH},
-};
+use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
 
 use bridges::{
     diagnostics::{AttitudeMonitor, service_status, silent_supervisor_status},
@@ -18,16 +15,23 @@ use messages::{AttitudeOutput, Header, ImuSample, MagSample};
 use runtime::{clock::monotonic_ns, decimator::Decimator};
 
 use super::{
-    sender::{AttitudeSender, BridgeArgs, BridgeError, Inputs, START_ROUTER, SendCounts, print_counts, rate_hz},
+    sender::{AttitudeSender, BridgeArgs, Inputs, SendCounts, rate_hz},
     status_poller::StatusPoller,
 };
-use crate::{remote::RemoteError, system::EndpointArgs};
+use crate::{
+    failure::{Failure, Outcome},
+    remote::RemoteError,
+    stdout::print_result,
+    system::EndpointArgs,
+};
 
 /// Largest ROS 2 domain id.
 pub(super) const MAX_DOMAIN: i64 = 232;
 /// Topics on which ROS 2 expects transforms and diagnostics.
 const TRANSFORM_TOPIC: &str = "tf";
 const DIAGNOSTICS_TOPIC: &str = "diagnostics";
+/// Command that starts an rmw_zenoh router.
+const START_ROUTER: &str = "start it with `ros2 run rmw_zenoh_cpp rmw_zenohd`";
 /// Interval between two diagnostic messages, and between two checks of the router.
 const DIAGNOSTICS_INTERVAL: Duration = Duration::from_secs(1);
 
@@ -69,34 +73,32 @@ pub(crate) struct Ros {
     rate_hz: f64,
 }
 
-pub(super) fn run(ros: &Ros) -> ExitCode {
-    print_counts(ros.run(), ros.args.system.json)
-}
-
-impl Ros {
-    fn run(&self) -> Result<SendCounts, BridgeError> {
-        let system = self.args.attach()?;
-        let link = open_router_link(&self.endpoint)?;
-        let mut publisher = RosPublisher::open(self, &system.name, &link)?;
-        let inputs = Inputs { samples: true, fields: true, ..Inputs::default() };
-        let result = self.args.forward(&system, inputs, &mut publisher);
-        let counts = publisher.counts;
-        link.close();
-        result.map(|()| counts)
-    }
+pub(super) fn run(ros: &Ros) -> Outcome {
+    let system = ros.args.attach()?;
+    let link = open_router_link(&ros.endpoint)?;
+    let mut publisher = RosPublisher::open(ros, &system.name, &link)?;
+    let inputs = Inputs { samples: true, fields: true, ..Inputs::default() };
+    let result = ros.args.forward(&system, inputs, &mut publisher);
+    link.close();
+    result.map(|()| print_result(&publisher.counts, ros.args.system.json))
 }
 
 /// Opens a session with an rmw_zenoh router. Without a router, ROS 2 nodes do not discover each
 /// other.
-pub(super) fn open_router_link(endpoint: &EndpointArgs) -> Result<Link, BridgeError> {
+pub(super) fn open_router_link(endpoint: &EndpointArgs) -> Result<Link, Failure> {
     let endpoint = endpoint.endpoint();
     let link = endpoint.open_as_client().map_err(|error| match error {
-        RemoteError::Link(cause @ LinkError::Unreachable { .. }) => BridgeError::NoRouter { cause },
+        RemoteError::Link(cause @ LinkError::Unreachable { .. }) => {
+            let remedy = "or set its endpoint with --connect";
+            Failure::new(format_args!("no rmw_zenoh router: {cause}\n{START_ROUTER}, {remedy}"), 1)
+        }
         error => error.into(),
     })?;
     if !link.has_router() {
         link.close();
-        return Err(BridgeError::NotARouter { endpoints: endpoint.to_string() });
+        let reason = format!("{endpoint} is not a router, but for instance the gateway of a system");
+        let remedy = format!("{START_ROUTER} before `plumb up`, or set its endpoint with --connect");
+        return Err(Failure::new(format_args!("no rmw_zenoh router: {reason}\n{remedy}"), 1));
     }
     Ok(link)
 }
@@ -149,7 +151,7 @@ struct RosPublisher {
 }
 
 impl RosPublisher {
-    fn open(ros: &Ros, system: &str, link: &Link) -> Result<Self, BridgeError> {
+    fn open(ros: &Ros, system: &str, link: &Link) -> Result<Self, Failure> {
         let node = Node::new(ros.domain, &link.identity().0);
         let sign = link.declare_liveliness(&node.node_token())?;
         let open = |entity_id, topic: &str, of_type| TopicPublisher::open(link, &node, entity_id, topic, of_type);

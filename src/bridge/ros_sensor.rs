@@ -1,6 +1,6 @@
 //! `plumb bridge ros-sensor`: feeds readings from ROS 2 topics to a running system.
 
-use std::{fmt, process::ExitCode, time::Duration};
+use std::{fmt, time::Duration};
 
 use bridges::ros::{MessageType, Node, parse_topic_name};
 use clap::Args;
@@ -10,9 +10,14 @@ use serde::Serialize;
 
 use super::{
     ros::{MAX_DOMAIN, open_router_link},
-    sender::{AttachedSystem, BridgeArgs, BridgeError, print_counts},
+    sender::{AttachedSystem, BridgeArgs},
 };
-use crate::{system::EndpointArgs, topics::StopCondition};
+use crate::{
+    failure::{Failure, Outcome},
+    stdout::print_result,
+    system::EndpointArgs,
+    topics::StopCondition,
+};
 
 /// Longest wait for a message before the stop condition is checked.
 const RECEIVE_TIMEOUT: Duration = Duration::from_millis(100);
@@ -58,12 +63,12 @@ pub(super) struct SensorCounts {
     undelivered: u64,
 }
 
-pub(super) fn run(sensor: &RosSensor) -> ExitCode {
-    print_counts(sensor.run(), sensor.args.system.json)
+pub(super) fn run(sensor: &RosSensor) -> Outcome {
+    Ok(print_result(&sensor.forward()?, sensor.args.system.json))
 }
 
 impl RosSensor {
-    fn run(&self) -> Result<SensorCounts, BridgeError> {
+    fn forward(&self) -> Result<SensorCounts, Failure> {
         let AttachedSystem { name, observer } = self.args.attach()?;
         // Fails immediately if the system does not receive its readings from the bus.
         let mut sensor = Sensor::open(&name)?;

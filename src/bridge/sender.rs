@@ -1,14 +1,12 @@
 //! Forwards attitudes over another protocol: arguments, main loop and message counts.
 
-use std::{collections::VecDeque, fmt, process::ExitCode, thread, time::Duration};
+use std::{collections::VecDeque, fmt, thread, time::Duration};
 
-use bridges::{datagrams::DatagramError, validity::WithholdReason};
+use bridges::validity::WithholdReason;
 use bus::{BusError, Observer};
 use clap::Args;
-use control::{ControlError, ControlRequest, send_request};
-use driver::DriverError;
+use control::{ControlRequest, send_request};
 use graph::Topic;
-use launch::LaunchError;
 use messages::{AttitudeOutput, GnssFix, ImuSample, MagSample, Ticked};
 use runtime::{ServiceConfig, service_config::FIRST_EPOCH};
 use serde::Serialize;
@@ -16,9 +14,7 @@ use swap::ReorderBuffer;
 
 use crate::{
     duration::duration,
-    failure::fail,
-    remote::RemoteError,
-    stdout::print,
+    failure::Failure,
     system::LocalSystemArgs,
     topics::{LateTopic, POLL_INTERVAL, StopCondition, observer},
 };
@@ -36,64 +32,10 @@ pub(super) struct BridgeArgs {
     pub(super) duration: Option<Duration>,
 }
 
-/// Error of a bridge.
-#[derive(Debug, thiserror::Error)]
-pub(super) enum BridgeError {
-    #[error(transparent)]
-    Bus(#[from] BusError),
-    #[error(transparent)]
-    Control(#[from] ControlError),
-    #[error(transparent)]
-    Datagrams(#[from] DatagramError),
-    #[error(transparent)]
-    Remote(#[from] RemoteError),
-    #[cfg(feature = "network")]
-    #[error(transparent)]
-    Link(#[from] link::LinkError),
-    /// No session with an rmw_zenoh router could be opened.
-    #[cfg(feature = "network")]
-    #[error("no rmw_zenoh router: {cause}\n{START_ROUTER}, or set its endpoint with --connect")]
-    NoRouter { cause: link::LinkError },
-    /// The endpoint accepts sessions, but is not a router.
-    #[cfg(feature = "network")]
-    #[error(
-        "no rmw_zenoh router: {endpoints} is not a router, but for instance the gateway of a system\n{START_ROUTER} before `plumb up`, or set its endpoint with --connect"
-    )]
-    NotARouter { endpoints: String },
-    #[error(transparent)]
-    Driver(#[from] DriverError),
-    #[error(transparent)]
-    Launch(#[from] LaunchError),
-}
-
 /// Running system and the observer that a bridge has attached to it.
 pub(super) struct AttachedSystem {
     pub(super) name: String,
     pub(super) observer: Observer,
-}
-
-/// Command that starts an rmw_zenoh router.
-#[cfg(feature = "network")]
-pub(super) const START_ROUTER: &str = "start it with `ros2 run rmw_zenoh_cpp rmw_zenohd`";
-
-impl BridgeError {
-    pub(super) fn exit_code(&self) -> u8 {
-        match self {
-            Self::Remote(error) => error.exit_code(),
-            Self::Launch(_) => 3,
-            _ => 1,
-        }
-    }
-}
-
-/// Prints the counts or the error.
-pub(super) fn print_counts<C: Serialize + fmt::Display>(counts: Result<C, BridgeError>, json: bool) -> ExitCode {
-    match counts {
-        // Serialising numbers cannot fail.
-        Ok(counts) if json => print(&serde_json::to_string(&counts).unwrap_or_default()),
-        Ok(counts) => print(&counts),
-        Err(error) => fail(&error, error.exit_code()),
-    }
 }
 
 /// Sender of attitudes in another protocol.
@@ -185,7 +127,7 @@ impl SendCounts {
 
 impl BridgeArgs {
     /// Attaches to the selected system.
-    pub(super) fn attach(&self) -> Result<AttachedSystem, BridgeError> {
+    pub(super) fn attach(&self) -> Result<AttachedSystem, Failure> {
         let name = self.system.name()?;
         Ok(AttachedSystem { observer: observer(&name, "bridge")?, name })
     }
@@ -196,7 +138,7 @@ impl BridgeArgs {
         AttachedSystem { name, observer }: &AttachedSystem,
         inputs: Inputs,
         sender: &mut dyn AttitudeSender,
-    ) -> Result<(), BridgeError> {
+    ) -> Result<(), Failure> {
         let config = send_request::<ServiceConfig>(name, &ControlRequest::ServiceConfig)?;
         let mut reorder_buffer = ReorderBuffer::with_unknown_start(FIRST_EPOCH, config.lateness_ticks() / 2);
         let mut stop = StopCondition::new(|| observer.is_running(), self.duration);

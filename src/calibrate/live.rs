@@ -5,14 +5,15 @@ use std::{
     time::{Duration, Instant},
 };
 
-use ::calibrate::{Calibrator, Kind, Prior, Rejection, Report};
+use ::calibrate::{Calibrator, Kind, Prior, Report};
 use bus::{BusError, Observer, Tap};
-use control::{ControlError, ControlRequest, send_request};
+use control::{ControlRequest, send_request};
 use graph::Topic;
 use observe::readings::{self, ReadingsError};
 use runtime::ServiceConfig;
 
 use crate::{
+    failure::Failure,
     notice::{notice, progress_bar},
     topics::{POLL_INTERVAL, StopCondition, observer},
 };
@@ -26,31 +27,12 @@ const ATTEMPT_INTERVAL: Duration = Duration::from_secs(2);
 /// Maximum wait for a topic to be opened.
 const OPEN_TIMEOUT: Duration = Duration::from_secs(10);
 
-/// Error of a calibration from a running system.
-#[derive(Debug, thiserror::Error)]
-pub(super) enum LiveError {
-    #[error(transparent)]
-    Bus(#[from] BusError),
-    #[error(transparent)]
-    Control(#[from] ControlError),
-    #[error(transparent)]
-    Readings(#[from] ReadingsError),
-    #[error(transparent)]
-    Rejected(#[from] Rejection),
-}
-
-impl LiveError {
-    pub(super) fn exit_code(&self) -> u8 {
-        1
-    }
-}
-
 pub(super) fn calibrate_system(
     kind: Kind,
     mut known: Prior,
     system: &str,
     duration: Option<Duration>,
-) -> Result<Report, LiveError> {
+) -> Result<Report, Failure> {
     let observer = observer(system, "calibrate")?;
     let config = send_request::<ServiceConfig>(system, &ControlRequest::ServiceConfig)?;
     readings::apply_system(&mut known, &config).map_err(ReadingsError::from)?;

@@ -5,39 +5,33 @@ mod live;
 mod plot;
 
 use std::{
-    fmt, io,
+    fmt,
     path::{Path, PathBuf},
-    process::ExitCode,
     time::Duration,
 };
 
 use ::calibrate::{
-    Calibrator, Kind, Prior, Rejection, Report,
+    Calibrator, Kind, Prior, Report,
     noise::{NoiseCalibrator, NoiseReport},
 };
-use ::import::{ImportError, readable::ReadableFile};
-use attitude::calibration::CalibrationError;
+use ::import::readable::ReadableFile;
 use clap::{Args, ValueEnum};
-use flight::{FlightError, read_messages};
-use launch::{EditError, GyroSamples, Launch, LaunchError, write_sections};
+use flight::read_messages;
+use launch::{GyroSamples, Launch, write_sections};
 use messages::TakenReading;
 use observe::readings::{apply_calibrations, to_sample};
-use readings::source::{Reading, SourceError};
-use score::{
-    ScoreError,
-    trial::{Gnss, Trial, TrialOptions},
-};
+use readings::source::Reading;
+use score::trial::{Gnss, Trial, TrialOptions};
 use serde::Serialize;
 
 use crate::{
     duration::duration,
-    failure::fail,
-    import::{ReadOptions, SensorNumbers, announcer},
+    failure::{Failure, OrFail as _, Outcome},
+    import::{RateSamples, ReadOptions, SensorNumbers, announcer},
     notice::{notice, progress_bar},
-    stdout::print,
+    stdout::{print, print_result},
     system::LocalSystemArgs,
 };
-use live::LiveError;
 
 /// Arguments of `plumb calibrate`.
 #[derive(Args)]
@@ -96,7 +90,7 @@ pub(crate) struct Calibrate {
     field_ut: Option<f64>,
     /// Meaning of a rate sample: mean or end value [default: means]
     #[arg(long, value_name = "means|instants", conflicts_with = "live")]
-    gyro_samples: Option<Samples>,
+    gyro_samples: Option<RateSamples>,
     #[command(flatten)]
     reading: ReadOptions,
 }
@@ -132,67 +126,6 @@ impl CalibrationTarget {
     }
 }
 
-#[derive(Clone, Copy, ValueEnum)]
-enum Samples {
-    Means,
-    Instants,
-}
-
-/// Error of a calibration.
-#[derive(Debug, thiserror::Error)]
-enum CalibrateError {
-    #[error(transparent)]
-    Import(#[from] ImportError),
-    #[error(transparent)]
-    Trial(Box<ScoreError>),
-    #[error(transparent)]
-    Flight(#[from] FlightError),
-    #[error(
-        "{} has no readings, only calibrated samples; record the flight with `plumb up --record`",
-        foreign::path(file)
-    )]
-    NoReadings { file: PathBuf },
-    #[error(transparent)]
-    Launch(#[from] LaunchError),
-    #[error(transparent)]
-    Source(#[from] SourceError),
-    #[error("invalid [ingest.calibration] in the launch file: {0}")]
-    Calibration(#[from] CalibrationError),
-    #[error(transparent)]
-    Live(#[from] LiveError),
-    #[error(transparent)]
-    Rejected(#[from] Rejection),
-    #[error(transparent)]
-    Write(#[from] EditError),
-    #[error("--plot draws Allan deviations; use it with `plumb calibrate noise`")]
-    PlotWithoutNoise,
-    #[error(
-        "noise needs a recording of a rest instead of --live; record one with `plumb up --record` and pass the flight"
-    )]
-    LiveNoise,
-    #[error("drawing {}: {cause}; check the folder", foreign::path(file))]
-    Plot { file: PathBuf, cause: io::Error },
-}
-
-impl From<ScoreError> for CalibrateError {
-    fn from(error: ScoreError) -> Self {
-        Self::Trial(error.into())
-    }
-}
-
-impl CalibrateError {
-    fn exit_code(&self) -> u8 {
-        match self {
-            Self::Import(error) => error.exit_code(),
-            Self::Trial(error) => error.exit_code(),
-            Self::Flight(_) | Self::NoReadings { .. } | Self::Launch(_) | Self::Calibration(_) => 3,
-            Self::Live(error) => error.exit_code(),
-            Self::PlotWithoutNoise | Self::LiveNoise => 2,
-            Self::Source(_) | Self::Rejected(_) | Self::Write(_) | Self::Plot { .. } => 1,
-        }
-    }
-}
-
 /// Collects readings for a calibration.
 enum Collector {
     Errors(Calibrator),
@@ -208,10 +141,10 @@ impl Collector {
         }
     }
 
-    fn finish(&self) -> Result<Outcome, CalibrateError> {
+    fn finish(&self) -> Result<Calibration, Failure> {
         Ok(match self {
-            Self::Errors(calibrator) => Outcome::Errors(calibrator.finish()?),
-            Self::Noise(calibrator, fuser) => Outcome::Noise(calibrator.finish(fuser)?),
+            Self::Errors(calibrator) => Calibration::Errors(calibrator.finish()?),
+            Self::Noise(calibrator, fuser) => Calibration::Noise(calibrator.finish(fuser)?),
         })
     }
 }
@@ -219,12 +152,12 @@ impl Collector {
 /// Result of a calibration.
 #[derive(Serialize)]
 #[serde(untagged)]
-enum Outcome {
+enum Calibration {
     Errors(Report),
     Noise(NoiseReport),
 }
 
-impl Outcome {
+impl Calibration {
     /// Returns the section for the launch file; empty if there is nothing to set.
     fn block(&self) -> &str {
         match self {
@@ -241,7 +174,7 @@ impl Outcome {
     }
 }
 
-impl fmt::Display for Outcome {
+impl fmt::Display for Calibration {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
             Self::Errors(report) => report.fmt(f),
@@ -250,48 +183,40 @@ impl fmt::Display for Outcome {
     }
 }
 
-pub(crate) fn run(args: Calibrate) -> ExitCode {
-    let (json, write) = (args.system.json, args.write.clone());
-    let outcome = match calibrate(args) {
-        Ok(outcome) => outcome,
-        Err(error) => return fail(&error, error.exit_code()),
-    };
-    let write = write.filter(|_| !outcome.block().is_empty());
+pub(crate) fn run(mut args: Calibrate) -> Outcome {
+    let (json, write, plot) = (args.system.json, args.write.clone(), args.plot.take());
+    if plot.is_some() && args.target.kind().is_some() {
+        return Err(Failure::new("--plot draws Allan deviations; use it with `plumb calibrate noise`", 2));
+    }
+    let calibration = collect(args)?;
+    if let (Some(file), Calibration::Noise(report)) = (plot, &calibration) {
+        let failed = |cause| format!("drawing {}: {cause}; check the folder", foreign::path(&file));
+        plot::write(&file, report).map_err(failed).or_fail(1)?;
+    }
+    let write = write.filter(|_| !calibration.block().is_empty());
     if let Some(file) = &write {
-        if let Err(error) = write_sections(file, outcome.block()).map_err(CalibrateError::from) {
-            supervisor::announce(&outcome);
-            return fail(&error, error.exit_code());
-        }
+        // If the file cannot be written, the result must not be lost.
+        write_sections(file, calibration.block()).inspect_err(|_| supervisor::announce(&calibration))?;
         notice(format_args!("wrote the calibration to {}", foreign::path(file)));
     }
-    match write {
-        // Serialising numbers, strings and lists cannot fail.
-        _ if json => print(&serde_json::to_string(&outcome).unwrap_or_default()),
-        Some(_) => print(&outcome.summary().trim_end()),
-        None => print(&outcome),
-    }
-}
-
-fn calibrate(mut args: Calibrate) -> Result<Outcome, CalibrateError> {
-    let plot = args.plot.take();
-    if plot.is_some() && args.target.kind().is_some() {
-        return Err(CalibrateError::PlotWithoutNoise);
-    }
-    let outcome = collect(args)?;
-    if let (Some(file), Outcome::Noise(report)) = (plot, &outcome) {
-        plot::write(&file, report).map_err(|cause| CalibrateError::Plot { file, cause })?;
-    }
-    Ok(outcome)
+    Ok(match write {
+        Some(_) if !json => print(&calibration.summary().trim_end()),
+        _ => print_result(&calibration, json),
+    })
 }
 
 /// Reads the readings and computes the calibration.
-fn collect(args: Calibrate) -> Result<Outcome, CalibrateError> {
+fn collect(args: Calibrate) -> Result<Calibration, Failure> {
     let Calibrate { target, file, duration, system, write, gravity, field_ut, gyro_samples, reading, .. } = args;
     let mut known = Prior { field_ut, ..Prior::default() };
     known.gravity_m_s2 = gravity.unwrap_or(known.gravity_m_s2);
     let Some(file) = file else {
-        let kind = target.kind().ok_or(CalibrateError::LiveNoise)?;
-        return Ok(Outcome::Errors(live::calibrate_system(kind, known, &system.name()?, duration)?));
+        let no_kind = || {
+            let message = "noise needs a recording of a rest instead of --live; record one with `plumb up --record` and pass the flight";
+            Failure::new(message, 2)
+        };
+        let kind = target.kind().ok_or_else(no_kind)?;
+        return Ok(Calibration::Errors(live::calibrate_system(kind, known, &system.name()?, duration)?));
     };
     let launch = system
         .selection
@@ -301,7 +226,8 @@ fn collect(args: Calibrate) -> Result<Outcome, CalibrateError> {
         .map(|file| Launch::read(&file))
         .transpose()?;
     if let Some(launch) = &launch {
-        apply_calibrations(&mut known, launch)?;
+        let applied = apply_calibrations(&mut known, launch);
+        applied.map_err(|error| format!("invalid [ingest.calibration] in the launch file: {error}")).or_fail(3)?;
     }
     let collector = |known: &Prior| match target.kind() {
         Some(kind) => Collector::Errors(Calibrator::new(kind, known)),
@@ -310,10 +236,7 @@ fn collect(args: Calibrate) -> Result<Outcome, CalibrateError> {
             launch.as_ref().map_or_else(|| Launch::default().fuser.stage, |launch| launch.fuser.stage.clone()),
         ),
     };
-    let gyro_samples = gyro_samples.map(|samples| match samples {
-        Samples::Means => GyroSamples::Means,
-        Samples::Instants => GyroSamples::Instants,
-    });
+    let gyro_samples = gyro_samples.map(GyroSamples::from);
     if flight::is_flight(Path::new(&file)) {
         known.rate_kind = gyro_samples.unwrap_or(GyroSamples::Means).rate_kind();
         return read_flight(Path::new(&file), collector(&known));
@@ -323,7 +246,7 @@ fn collect(args: Calibrate) -> Result<Outcome, CalibrateError> {
     let readable = match file.starts_with("sim:") {
         true => None,
         false => {
-            let options = reading.options(SensorNumbers::default()).map_err(ImportError::from)?;
+            let options = reading.options(SensorNumbers::default())?;
             Some(ReadableFile::open(Path::new(&file), &options, &mut announcer())?)
         }
     };
@@ -343,10 +266,11 @@ fn collect(args: Calibrate) -> Result<Outcome, CalibrateError> {
 }
 
 /// Calibrates from the raw readings recorded in a flight.
-fn read_flight(file: &Path, mut collector: Collector) -> Result<Outcome, CalibrateError> {
+fn read_flight(file: &Path, mut collector: Collector) -> Result<Calibration, Failure> {
     let mut readings = read_messages::<TakenReading>(file)?.peekable();
     if readings.peek().is_none() {
-        return Err(CalibrateError::NoReadings { file: file.into() });
+        let reason = "has no readings, only calibrated samples; record the flight with `plumb up --record`";
+        return Err(Failure::new(format_args!("{} {reason}", foreign::path(file)), 3));
     }
     for taken in readings {
         collector.push(&Reading::from(&taken?));

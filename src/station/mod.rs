@@ -17,7 +17,13 @@ use link::Link;
 use observe::tables::{CsvTables, TableError};
 use remote::fleet::{self, FleetMonitor, Vehicles};
 
-use crate::{duration::duration, failure::fail, stdout, system::EndpointArgs, topics::StopCondition};
+use crate::{
+    duration::duration,
+    failure::{OrFail as _, Outcome},
+    stdout,
+    system::EndpointArgs,
+    topics::StopCondition,
+};
 
 /// Interval between two printed tables.
 const SHOW_INTERVAL: Duration = Duration::from_secs(1);
@@ -50,16 +56,13 @@ pub(crate) struct Station {
 }
 
 /// Monitors vehicles until the time limit is reached, the user quits or a signal arrives.
-pub(crate) fn run(station: &Station) -> ExitCode {
-    let link = match station.endpoint.endpoint().open() {
-        Ok(link) => link,
-        Err(error) => return fail(&error, error.exit_code()),
-    };
-    match monitor_vehicles(station, &link) {
-        Ok((vehicles, _)) if station.json => stdout::print(&fleet::to_json(&vehicles)),
-        Ok((_, printed)) => printed.break_value().unwrap_or(ExitCode::SUCCESS),
-        Err(error) => fail(&error, 1),
-    }
+pub(crate) fn run(station: &Station) -> Outcome {
+    let link = station.endpoint.endpoint().open()?;
+    let (vehicles, printed) = monitor_vehicles(station, &link).or_fail(1)?;
+    Ok(match station.json {
+        true => stdout::print(&fleet::to_json(&vehicles)),
+        false => printed.break_value().unwrap_or(ExitCode::SUCCESS),
+    })
 }
 
 fn monitor_vehicles(station: &Station, link: &Link) -> Result<(Vehicles, ControlFlow<ExitCode>), Box<dyn Error>> {

@@ -10,11 +10,11 @@ use control::{ControlRequest, ServiceStatus, send_request};
 use dashboard::Screen;
 use observe::top::{SystemMonitor, SystemSnapshot};
 
+use observed_system::ObservedSystem;
 pub(crate) use observed_system::TopCommand;
-use observed_system::{ObservedSystem, TopError};
 
 use crate::{
-    failure::fail,
+    failure::{Failure, Outcome},
     notice::notice,
     stdout,
     topics::{POLL_INTERVAL, StopCondition},
@@ -26,7 +26,7 @@ fn take_snapshot(
     name: &str,
     observer: &Observer,
     monitor: &mut SystemMonitor,
-) -> Result<Option<SystemSnapshot>, TopError> {
+) -> Result<Option<SystemSnapshot>, Failure> {
     match send_request::<Vec<ServiceStatus>>(name, &ControlRequest::Status) {
         Ok(statuses) => Ok(Some(monitor.snapshot(name, &statuses))),
         Err(_) if !observer.is_running() => Ok(None),
@@ -34,45 +34,37 @@ fn take_snapshot(
     }
 }
 
-pub(crate) fn run(command: TopCommand) -> ExitCode {
-    let observed = match command.system.name().map_err(TopError::from).and_then(|name| ObservedSystem::attach(&name)) {
-        Ok(observed) => observed,
-        Err(error) => return fail(&error, error.exit_code()),
-    };
+pub(crate) fn run(command: TopCommand) -> Outcome {
+    let observed = ObservedSystem::attach(&command.system.name()?)?;
     if !command.system.json && !command.lines && command.count.is_none() && Screen::is_available() {
         return view::run(&command, observed);
     }
     print_lines(&command, observed)
 }
 
-fn print_lines(command: &TopCommand, observed: ObservedSystem) -> ExitCode {
+fn print_lines(command: &TopCommand, observed: ObservedSystem) -> Outcome {
     let ObservedSystem { observer, mut monitor, name } = observed;
     let mut stop = StopCondition::new(|| observer.is_running(), command.duration);
     let mut left = command.count.unwrap_or(u64::MAX);
     let mut last = Instant::now();
     while left > 0 && !stop.is_met() {
         std::thread::sleep(POLL_INTERVAL.min(command.interval));
-        if let Err(error) = monitor.poll() {
-            return fail(&error, 1);
-        }
+        monitor.poll()?;
         if last.elapsed() < command.interval {
             continue;
         }
         last = Instant::now();
         left -= 1;
-        let printed = match take_snapshot(&name, &observer, &mut monitor) {
-            Ok(Some(snapshot)) => print_snapshot(&snapshot, command.system.json),
-            Ok(None) => ControlFlow::Continue(()),
-            Err(error) => return fail(&error, 1),
-        };
-        if let ControlFlow::Break(code) = printed {
-            return code;
+        if let Some(snapshot) = take_snapshot(&name, &observer, &mut monitor)?
+            && let ControlFlow::Break(code) = print_snapshot(&snapshot, command.system.json)
+        {
+            return Ok(code);
         }
     }
     if stop.system_ended() {
         notice(format_args!("system {name:?} has ended"));
     }
-    ExitCode::SUCCESS
+    Ok(ExitCode::SUCCESS)
 }
 
 fn print_snapshot(snapshot: &SystemSnapshot, json: bool) -> ControlFlow<ExitCode> {

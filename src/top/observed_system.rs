@@ -2,13 +2,12 @@
 
 use std::time::Duration;
 
-use bus::{BusError, Observer};
+use bus::Observer;
 use clap::Args;
-use control::{ControlError, ControlRequest, ServiceStatus, send_request};
-use launch::LaunchError;
+use control::{ControlRequest, ServiceStatus, send_request};
 use observe::top::SystemMonitor;
 
-use crate::{duration::duration, system::LocalSystemArgs, topics::observer};
+use crate::{duration::duration, failure::Failure, system::LocalSystemArgs, topics::observer};
 
 /// Arguments of `plumb top`.
 #[derive(Args)]
@@ -34,26 +33,6 @@ pub(crate) struct TopCommand {
     pub(super) lines: bool,
 }
 
-/// Error while observing a system.
-#[derive(Debug, thiserror::Error)]
-pub(super) enum TopError {
-    /// The supervisor does not respond.
-    #[error(transparent)]
-    Control(#[from] ControlError),
-    /// The system's bus cannot be read.
-    #[error(transparent)]
-    Bus(#[from] BusError),
-    /// The launch file that names the system is invalid.
-    #[error(transparent)]
-    Launch(#[from] LaunchError),
-}
-
-impl TopError {
-    pub(super) fn exit_code(&self) -> u8 {
-        if matches!(self, Self::Launch(_)) { 3 } else { 1 }
-    }
-}
-
 /// Running system with its observer.
 pub(super) struct ObservedSystem {
     pub(super) observer: Observer,
@@ -62,7 +41,7 @@ pub(super) struct ObservedSystem {
 }
 
 impl ObservedSystem {
-    pub(super) fn attach(name: &str) -> Result<Self, TopError> {
+    pub(super) fn attach(name: &str) -> Result<Self, Failure> {
         let statuses = send_request::<Vec<ServiceStatus>>(name, &ControlRequest::Status)?;
         let observer = observer(name, "top")?;
         Ok(Self { monitor: SystemMonitor::new(&observer, &statuses)?, observer, name: name.into() })

@@ -15,7 +15,7 @@ use runtime::{clock::monotonic_ns, frames::attitude_to_frame};
 
 use super::observed_system::{ObservedSystem, TopCommand};
 use crate::{
-    failure::fail,
+    failure::{Failure, Outcome},
     topics::{POLL_INTERVAL, StopCondition, frame::DisplayFrame},
 };
 
@@ -25,32 +25,19 @@ const FRAME_INTERVAL: Duration = Duration::from_millis(100);
 const REATTACH_INTERVAL: Duration = Duration::from_secs(1);
 const KEYS: &str = "q: quit   latencies in µs, of each service from its last input";
 
-/// Error that ends the view.
-#[derive(Debug, thiserror::Error)]
-enum ViewError {
-    #[error("cannot draw on the terminal: {0}; use --lines to print lines")]
-    Terminal(#[from] io::Error),
-    #[error(transparent)]
-    Bus(#[from] bus::BusError),
-}
-
 /// Draws the system until the user quits. After the system has ended, waits for it to restart.
-pub(super) fn run(command: &TopCommand, observed: ObservedSystem) -> ExitCode {
-    match draw_until_stopped(command, observed) {
-        Ok(()) => ExitCode::SUCCESS,
-        Err(error) => fail(&error, 1),
-    }
-}
-
-fn draw_until_stopped(command: &TopCommand, observed: ObservedSystem) -> Result<(), ViewError> {
+pub(super) fn run(command: &TopCommand, observed: ObservedSystem) -> Outcome {
+    let no_terminal = |cause: io::Error| {
+        Failure::new(format_args!("cannot draw on the terminal: {cause}; use --lines to print lines"), 1)
+    };
     let mut stop = StopCondition::new(|| true, command.duration);
     let mut view = View::new(&observed.name);
     let mut poller = StatusPoller::start(&observed.name);
     let mut observed = Some(observed);
-    let mut screen = Screen::open()?;
+    let mut screen = Screen::open().map_err(no_terminal)?;
     let (mut drawn_at, mut requested_at, mut reattached_at) = (Instant::now(), Instant::now(), Instant::now());
     let mut stepped_at = Instant::now();
-    while !stop.is_met() && screen.poll_key()? != Some(Key::Quit) {
+    while !stop.is_met() && screen.poll_key().map_err(no_terminal)? != Some(Key::Quit) {
         thread::sleep(POLL_INTERVAL.min(command.interval));
         if let Some(ObservedSystem { monitor, .. }) = &mut observed {
             monitor.poll()?;
@@ -86,10 +73,10 @@ fn draw_until_stopped(command: &TopCommand, observed: ObservedSystem) -> Result<
             if step {
                 stepped_at = Instant::now();
             }
-            view.draw(&mut screen, step)?;
+            view.draw(&mut screen, step).map_err(no_terminal)?;
         }
     }
-    Ok(())
+    Ok(ExitCode::SUCCESS)
 }
 
 /// Queries the supervisor in a separate thread, because it may be slow or stopped.

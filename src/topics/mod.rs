@@ -2,7 +2,6 @@
 //!
 //! `observe` displays bytes with their layout and is independent of the source.
 
-mod error;
 pub(crate) mod frame;
 
 use std::{
@@ -22,10 +21,10 @@ use observe::{flow::FlowMonitor, topics};
 use runtime::clock::monotonic_ns;
 
 use crate::{
+    failure::Failure,
     remote::{RemoteTopic, RemoteVehicle},
     system::SystemArgs,
 };
-pub(crate) use error::ObserveError;
 pub(crate) use observe::{late_topic::LateTopic, system_recording::POLL_INTERVAL};
 
 /// Interval between two checks that the system is running.
@@ -49,7 +48,7 @@ pub(crate) enum TopicSource {
 
 impl TopicSource {
     /// Attaches to the selected system.
-    pub(crate) fn open(system: &SystemArgs, observer_name: &str) -> Result<Self, ObserveError> {
+    pub(crate) fn open(system: &SystemArgs, observer_name: &str) -> Result<Self, Failure> {
         Ok(match system.remote() {
             Some((vehicle, endpoint)) => Self::Remote(RemoteVehicle::find(endpoint.open()?, vehicle)?),
             None => {
@@ -60,36 +59,31 @@ impl TopicSource {
     }
 
     /// Opens the topic of this name.
-    pub(crate) fn open_topic(&self, topic: &str) -> Result<TopicView, ObserveError> {
+    pub(crate) fn open_topic(&self, topic: &str) -> Result<TopicView, Failure> {
         let unknown = || UnknownName::new("topic", topic, Topic::ALL.iter().map(|topic| topic.name()));
         let topic = Topic::from_name(topic).ok_or_else(unknown)?;
-        self.open_known(topic)
-    }
-
-    fn open_known(&self, topic: Topic) -> Result<TopicView, ObserveError> {
-        let layout = messages::layout(topic);
         let source = match self {
             Self::Local { observer, .. } => ViewSource::Local(observer.tap(topic)?),
             Self::Remote(vehicle) => ViewSource::Remote(Box::new(vehicle.subscribe(topic)?)),
         };
-        Ok(TopicView { flow: FlowMonitor::new(topic, &layout), name: topic.name(), layout, source })
+        Ok(TopicView::new(topic, source))
     }
 
     /// Opens all topics that are available.
-    pub(crate) fn open_all(&self) -> Result<Vec<TopicView>, ObserveError> {
-        let mut watched = Vec::new();
-        let is_sent = |topic: &&Topic| match self {
-            Self::Local { .. } => true,
-            Self::Remote(vehicle) => vehicle.publishes(**topic),
-        };
-        for topic in Topic::ALL.iter().filter(is_sent) {
-            match self.open_known(*topic) {
-                Ok(topic) => watched.push(topic),
-                Err(ObserveError::Bus(BusError::TopicNotOpen { .. })) => {}
-                Err(error) => return Err(error),
-            }
+    pub(crate) fn open_all(&self) -> Result<Vec<TopicView>, Failure> {
+        let mut views = Vec::new();
+        for topic in Topic::ALL.iter().copied() {
+            let source = match self {
+                Self::Local { observer, .. } => match observer.tap(topic) {
+                    Err(BusError::TopicNotOpen { .. }) => continue,
+                    tap => ViewSource::Local(tap?),
+                },
+                Self::Remote(vehicle) if !vehicle.publishes(topic) => continue,
+                Self::Remote(vehicle) => ViewSource::Remote(Box::new(vehicle.subscribe(topic)?)),
+            };
+            views.push(TopicView::new(topic, source));
         }
-        Ok(watched)
+        Ok(views)
     }
 
     /// Returns `true` while the system is running or the vehicle is reachable.
@@ -161,8 +155,13 @@ enum ViewSource {
 }
 
 impl TopicView {
+    fn new(topic: Topic, source: ViewSource) -> Self {
+        let layout = messages::layout(topic);
+        Self { flow: FlowMonitor::new(topic, &layout), name: topic.name(), layout, source }
+    }
+
     /// Receives all available messages and passes them to `on_message` until it returns `false`.
-    pub(crate) fn poll(&mut self, on_message: &mut OnMessage<'_>) -> Result<(), ObserveError> {
+    pub(crate) fn poll(&mut self, on_message: &mut OnMessage<'_>) -> Result<(), Failure> {
         let Self { layout, flow, source, .. } = self;
         let arrived_ns = monotonic_ns();
         match source {
@@ -190,7 +189,7 @@ impl TopicView {
     }
 
     /// Returns the topic's description, with its publishers and subscribers except this process.
-    pub(crate) fn into_topic(self) -> Result<topics::TopicInfo, ObserveError> {
+    pub(crate) fn into_topic(self) -> Result<topics::TopicInfo, Failure> {
         let ports = match &self.source {
             ViewSource::Local(tap) => Some(tap.ports()?),
             ViewSource::Remote(_) => None,

@@ -3,7 +3,6 @@
 use std::{
     net::SocketAddr,
     path::{Path, PathBuf},
-    process::ExitCode,
     sync::Arc,
     time::Duration,
 };
@@ -19,12 +18,11 @@ use cockpit::{
 };
 use control::{ControlRequest, ServiceStatus, send_request};
 use flight::reader;
-use launch::{Cockpit, CockpitTls, LaunchError, Service};
+use launch::{Cockpit, CockpitTls, Service};
 
 use crate::{
     duration::duration,
-    failure::fail,
-    remote::RemoteError,
+    failure::{Failure, OrFail as _, Outcome},
     stdout::print,
     system::{EndpointArgs, SystemNameArgs},
     topics::StopCondition,
@@ -65,53 +63,16 @@ pub(crate) struct View {
     duration: Option<Duration>,
 }
 
-/// Error of `plumb view`.
-#[derive(Debug, thiserror::Error)]
-pub(crate) enum ViewError {
-    #[error(transparent)]
-    Server(#[from] server::ServerError),
-    #[error(transparent)]
-    Token(#[from] cockpit::token::TokenError),
-    #[error(transparent)]
-    Flight(#[from] flight::FlightError),
-    #[error(
-        "{path} is not a flight; replay it with `plumb up --replay {path} --record flights`, which also shows and records it"
-    )]
-    NotAFlight { path: String },
-    #[error("{path} contains no samples")]
-    Empty { path: String },
-    #[error(transparent)]
-    Remote(#[from] RemoteError),
-    #[error(transparent)]
-    Launch(#[from] LaunchError),
-    #[error(
-        "cannot listen at {listen} without --tls, because other hosts could connect; use a folder created by `plumb keys vehicle NAME --host HOST`, or forward the port with `ssh -L 8088:127.0.0.1:8088 HOST`"
-    )]
-    NotLoopback { listen: SocketAddr },
-}
-
-pub(crate) fn run(view: &View) -> ExitCode {
-    let result = match (&view.file, &view.remote) {
+pub(crate) fn run(view: &View) -> Outcome {
+    match (&view.file, &view.remote) {
         (Some(file), _) => show_flight(view, file),
         (None, Some(vehicle)) => show_vehicles(view, vehicle.as_deref()),
         (None, None) => show_system(view),
-    };
-    match result {
-        Ok(code) => code,
-        Err(error) => {
-            let code = match &error {
-                ViewError::NotAFlight { .. } | ViewError::Launch(_) => 3,
-                ViewError::NotLoopback { .. } => 2,
-                ViewError::Remote(error) => error.exit_code(),
-                _ => 1,
-            };
-            fail(&error, code)
-        }
     }
 }
 
 /// Shows a system on this machine, which may start later.
-fn show_system(view: &View) -> Result<ExitCode, ViewError> {
+fn show_system(view: &View) -> Outcome {
     let name = view.system.name()?;
     let statuses: Vec<ServiceStatus> = send_request(&name, &ControlRequest::Status).unwrap_or_default();
     let own_address =
@@ -137,7 +98,7 @@ fn show_system(view: &View) -> Result<ExitCode, ViewError> {
 
 /// Shows remote vehicles, beginning with `vehicle` if given.
 #[cfg(feature = "network")]
-fn show_vehicles(view: &View, vehicle: Option<&str>) -> Result<ExitCode, ViewError> {
+fn show_vehicles(view: &View, vehicle: Option<&str>) -> Outcome {
     let tokens = Tokens::create()?;
     let endpoint = view.endpoint.endpoint();
     let link = endpoint.open()?;
@@ -152,22 +113,28 @@ fn show_vehicles(view: &View, vehicle: Option<&str>) -> Result<ExitCode, ViewErr
 }
 
 #[cfg(not(feature = "network"))]
-fn show_vehicles(_: &View, _: Option<&str>) -> Result<ExitCode, ViewError> {
+fn show_vehicles(_: &View, _: Option<&str>) -> Outcome {
     Err(crate::remote::ERROR.into())
 }
 
 /// Shows a recorded flight.
-fn show_flight(view: &View, path: &Path) -> Result<ExitCode, ViewError> {
+fn show_flight(view: &View, path: &Path) -> Outcome {
     let path_text = foreign::path(path).to_string();
     if path.is_file() && !flight::is_flight(path) {
-        return Err(ViewError::NotAFlight { path: path_text });
+        return Err(Failure::new(
+            format_args!(
+                "{path_text} is not a flight; replay it with `plumb up --replay {path_text} --record flights`, which also shows and records it"
+            ),
+            3,
+        ));
     }
-    let Some(span) = reader::read_span(path)? else { return Err(ViewError::Empty { path: path_text }) };
+    let empty = || Failure::new(format_args!("{path_text} contains no samples"), 1);
+    let span = reader::read_span(path).or_fail(1)?.ok_or_else(empty)?;
     let seconds = span.t_last_ns.abs_diff(span.t_first_ns) as f64 * 1e-9;
     let rate_hz = if seconds > 0.0 { (span.samples - 1) as f64 / seconds } else { 0.0 };
     let name = path.file_name().map_or(path_text, |name| name.to_string_lossy().into_owned());
     let mut builder = Recording::builder(&name, rate_hz, span.t_first_ns, span.t_last_ns);
-    reader::for_each_message(path, &mut |t_ns, topic, bytes| builder.push(t_ns, topic, bytes))?;
+    reader::for_each_message(path, &mut |t_ns, topic, bytes| builder.push(t_ns, topic, bytes)).or_fail(1)?;
     let (hub, recording) = (Arc::new(Hub::default()), Arc::new(builder.finish()));
     hub.publish_status(recording.status());
     let server = view.bind()?;
@@ -199,10 +166,15 @@ fn wait_until_stopped(view: &View) {
 
 impl View {
     /// Binds the server. TLS is required except on the loopback interface.
-    fn bind(&self) -> Result<Server, ViewError> {
+    fn bind(&self) -> Result<Server, Failure> {
         let listen = self.listen.unwrap_or(Cockpit::default().listen);
         if self.tls.is_none() && !listen.ip().is_loopback() {
-            return Err(ViewError::NotLoopback { listen });
+            return Err(Failure::new(
+                format_args!(
+                    "cannot listen at {listen} without --tls, because other hosts could connect; use a folder created by `plumb keys vehicle NAME --host HOST`, or forward the port with `ssh -L 8088:127.0.0.1:8088 HOST`"
+                ),
+                2,
+            ));
         }
         let file = |folder: &Path, name| folder.join(name);
         let tls = self.tls.as_deref();
