@@ -65,7 +65,6 @@ fn config_error(cause: String) -> LinkError {
 }
 
 #[cfg(test)]
-#[allow(clippy::unwrap_used, reason = "a test may panic")]
 mod tests {
     use super::*;
 

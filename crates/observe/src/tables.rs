@@ -112,7 +112,6 @@ fn format_element(bytes: &[u8], field: &Field, index: usize) -> String {
 }
 
 #[cfg(test)]
-#[allow(clippy::unwrap_used, reason = "a test may panic")]
 mod tests {
     use super::*;
     use messages::{AttitudeOutput, Health};

@@ -218,7 +218,6 @@ fn quaternion([w, x, y, z]: [f64; 4]) -> Quaternion<f64> {
 }
 
 #[cfg(test)]
-#[allow(clippy::unwrap_used, reason = "a test may panic")]
 mod tests {
     use bytemuck::Zeroable;
 

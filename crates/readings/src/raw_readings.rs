@@ -62,7 +62,6 @@ impl From<&TakenReading> for Reading {
 }
 
 #[cfg(test)]
-#[allow(clippy::unwrap_used, reason = "a test may panic")]
 mod tests {
     use super::*;
 

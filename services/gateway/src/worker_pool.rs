@@ -57,7 +57,6 @@ impl WorkerPool {
 }
 
 #[cfg(test)]
-#[allow(clippy::unwrap_used, reason = "a test may panic")]
 mod tests {
     use std::{
         net::TcpListener,

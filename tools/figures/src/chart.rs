@@ -292,7 +292,6 @@ impl Draw for Stack {
 }
 
 #[cfg(test)]
-#[allow(clippy::unwrap_used, reason = "a test may panic")]
 mod tests {
     use super::*;
     use crate::{canvas::svg, style};

@@ -249,7 +249,6 @@ impl DriftFit {
 }
 
 #[cfg(test)]
-#[allow(clippy::unwrap_used, reason = "a test may panic")]
 mod tests {
     use bytemuck::Zeroable;
 

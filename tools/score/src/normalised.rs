@@ -139,7 +139,6 @@ pub struct RatioQuantiles {
 }
 
 #[cfg(test)]
-#[allow(clippy::unwrap_used, reason = "a test may panic")]
 mod tests {
     use super::*;
 

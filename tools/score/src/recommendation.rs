@@ -67,7 +67,6 @@ fn launch_sections(stage: &StageScore) -> Option<String> {
 }
 
 #[cfg(test)]
-#[allow(clippy::unwrap_used, reason = "a test may panic")]
 mod tests {
     use launch::Launch;
 

@@ -144,7 +144,6 @@ fn difference_covariances(a_s: f64, b_s: f64, lag_s: f64) -> [f64; TYPES] {
 }
 
 #[cfg(test)]
-#[allow(clippy::unwrap_used, reason = "a test may panic")]
 mod tests {
     use super::*;
 

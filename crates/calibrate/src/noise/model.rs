@@ -168,7 +168,6 @@ fn forward_substitute(factor: &[Vec<f64>], mut right: Vec<f64>) -> Vec<f64> {
 }
 
 #[cfg(test)]
-#[allow(clippy::unwrap_used, reason = "a test may panic")]
 mod tests {
     use super::*;
 
