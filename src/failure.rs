@@ -89,8 +89,6 @@ exit_codes! {
     keys::KeysError => keys::KeysError::exit_code;
     #[cfg(feature = "network")]
     link::LinkError => |_| 1;
-    #[cfg(all(feature = "network", feature = "tui"))]
-    observe::tables::TableError => |_| 1;
     #[cfg(feature = "network")]
     remote::RemoteError => remote::RemoteError::exit_code;
 }
