@@ -4,7 +4,8 @@
 //!
 //! Output: the same messages for every subscriber, without a copy by the kernel.
 //!
-//! Time: every wait has a timeout. Otherwise, a clock is read only to identify a run of the system.
+//! Time: a wait ends after a timeout, or when the supervisor wakes the subscribers of idle topics.
+//! Otherwise, a clock is read only to identify a run of the system.
 //!
 //! Failure: a publisher never blocks on a subscriber. If a subscriber is too slow, its oldest
 //! messages are overwritten, which shows as a gap in the ticks.
@@ -42,5 +43,5 @@ pub use session::Port;
 pub use stale_resources::{StaleResources, SystemLiveness};
 pub use system_name::{Claim, SystemName};
 pub use tap::{Ports, Tap};
-pub use topic::{Bus, Publisher, Subscriber};
+pub use topic::{Bus, IdleWaker, Publisher, Subscriber, WakeHandle};
 pub use wake::WaitOutcome;

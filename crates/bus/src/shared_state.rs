@@ -35,6 +35,8 @@ pub(crate) struct WakeWord {
     pub(crate) sent: AtomicU64,
     /// Number of messages consumed by the single subscriber of a topic with flow control.
     pub(crate) consumed: AtomicU64,
+    /// Number of times that the supervisor has woken the subscribers of the idle topic.
+    pub(crate) idle_wakes: AtomicU32,
 }
 
 #[repr(C)]
@@ -104,6 +106,17 @@ impl SharedState {
         self.layout().words.iter().for_each(WakeWord::wake);
     }
 
+    /// Wakes the subscribers of each topic whose wake count equals the one in `seen`, and updates
+    /// `seen`.
+    pub(crate) fn wake_idle(&self, seen: &mut [u32; Topic::ALL.len()]) {
+        for (word, seen) in self.layout().words.iter().zip(seen) {
+            let wake_count = word.wake_count.load(SeqCst);
+            if std::mem::replace(seen, wake_count) == wake_count {
+                word.wake_idle();
+            }
+        }
+    }
+
     /// Returns the wake word of the topic with this index.
     #[inline]
     pub(crate) fn word(&self, index: usize) -> &WakeWord {
@@ -142,8 +155,21 @@ impl WakeWord {
     pub(crate) fn wake(&self) {
         self.wake_count.fetch_add(1, SeqCst);
         if self.waiting.load(SeqCst) != 0 && self.waiting.swap(0, SeqCst) != 0 {
-            // Waking fails only if no subscriber is waiting any more.
-            let _ = futex::wake(&self.wake_count, futex::Flags::empty(), i32::MAX as u32);
+            self.wake_sleeping();
         }
+    }
+
+    /// Wakes the subscribers although no message was published.
+    ///
+    /// They are woken even if none has announced that it is waiting, because a publisher may have
+    /// been killed after it cleared the announcement.
+    fn wake_idle(&self) {
+        self.idle_wakes.fetch_add(1, SeqCst);
+        self.wake_sleeping();
+    }
+
+    fn wake_sleeping(&self) {
+        // Waking fails only if no subscriber is waiting any more.
+        let _ = futex::wake(&self.wake_count, futex::Flags::empty(), i32::MAX as u32);
     }
 }

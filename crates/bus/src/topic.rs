@@ -8,7 +8,7 @@ use std::{
     time::Duration,
 };
 
-use graph::Entry;
+use graph::{Entry, Topic};
 use iceoryx2::{
     node::{Node, NodeBuilder},
     prelude::{LogLevel, NodeName, SignalHandlingMode, ipc, set_log_level},
@@ -77,6 +77,16 @@ impl Bus {
         self.lease.state.wake_all();
     }
 
+    /// Returns a handle that wakes the waiting processes, for use by another thread.
+    pub fn wake_handle(&self) -> WakeHandle {
+        WakeHandle { state: self.lease.state.clone() }
+    }
+
+    /// Returns a handle that wakes the subscribers of idle topics.
+    pub fn idle_waker(&self) -> IdleWaker {
+        IdleWaker { state: self.lease.state.clone(), seen: [0; Topic::ALL.len()] }
+    }
+
     /// Returns the flag that this process sets when it is notified of the owner's death.
     ///
     /// The flag is needed because children of the owner are notified before the owner's death is
@@ -128,6 +138,37 @@ pub(crate) fn create_node(system_name: &SystemName, process_name: &str) -> Resul
         .signal_handling_mode(SignalHandlingMode::Disabled)
         .create::<ipc::Service>()
         .map_err(|cause| failed(&cause))
+}
+
+/// Handle that wakes the waiting processes of all topics.
+#[derive(Debug)]
+pub struct WakeHandle {
+    state: Arc<SharedState>,
+}
+
+impl WakeHandle {
+    /// Wakes the waiting processes of all topics.
+    pub fn wake_all(&self) {
+        self.state.wake_all();
+    }
+}
+
+/// Wakes the subscribers of topics on which nothing is published.
+///
+/// Services wait without a timer. A woken service reports its health and checks its inputs.
+#[derive(Debug)]
+pub struct IdleWaker {
+    state: Arc<SharedState>,
+    /// Wake count of each topic at the previous call.
+    seen: [u32; Topic::ALL.len()],
+}
+
+impl IdleWaker {
+    /// Wakes the subscribers of every topic whose subscribers were not woken since the previous
+    /// call.
+    pub fn wake(&mut self) {
+        self.state.wake_idle(&mut self.seen);
+    }
 }
 
 /// Publisher of a topic.
@@ -295,8 +336,11 @@ impl<M: Message> Subscriber<M> {
 
     /// Waits up to `limit` for a message. Returns immediately if one was published since the last
     /// [`drain`](Self::drain) began or the last wait ended.
-    pub fn wait(&self, limit: Duration) -> WaitOutcome {
-        let outcome = self.waker.wait(self.observed.get(), limit);
+    ///
+    /// With `None`, only the supervisor ends the wait of a topic without messages, by
+    /// [`IdleWaker::wake`].
+    pub fn wait(&self, limit: impl Into<Option<Duration>>) -> WaitOutcome {
+        let outcome = self.waker.wait(self.observed.get(), limit.into());
         self.observed.set(self.waker.current());
         outcome
     }

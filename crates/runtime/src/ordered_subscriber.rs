@@ -16,8 +16,9 @@ const MAX_PUBLISHERS: usize = 3;
 pub trait SlotInput<I> {
     /// Passes up to `limit` available messages to `take`. Returns `true` if there may be more.
     fn drain(&self, limit: usize, take: &mut dyn FnMut(I)) -> Result<bool, BusError>;
-    /// Sleeps until a message is published, for at most `limit`.
-    fn wait(&self, limit: Duration) -> WaitOutcome;
+    /// Sleeps until a message is published, for at most `limit` if given, or until the supervisor
+    /// wakes the services that wait for an idle topic.
+    fn wait(&self, limit: Option<Duration>) -> WaitOutcome;
     /// Returns the tick after the highest one announced for publication.
     fn next_tick(&self) -> u64;
     /// Returns the numbers of discarded messages: duplicates from one publisher, and ticks repeated
@@ -145,7 +146,7 @@ impl<I: From<M>, M: Ticked> SlotInput<I> for OrderedSubscriber<M> {
         Ok(stream.has_staged())
     }
 
-    fn wait(&self, limit: Duration) -> WaitOutcome {
+    fn wait(&self, limit: Option<Duration>) -> WaitOutcome {
         if self.stream.borrow().has_staged() { WaitOutcome::Published } else { self.subscriber.wait(limit) }
     }
 
@@ -170,7 +171,7 @@ impl<I: From<M>, M: Message> SlotInput<I> for Subscriber<M> {
         Ok(count == limit)
     }
 
-    fn wait(&self, limit: Duration) -> WaitOutcome {
+    fn wait(&self, limit: Option<Duration>) -> WaitOutcome {
         Subscriber::wait(self, limit)
     }
 

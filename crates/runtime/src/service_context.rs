@@ -11,7 +11,7 @@ use std::{
         Arc, Weak,
         atomic::{AtomicBool, Ordering},
     },
-    time::Duration,
+    time::{Duration, Instant},
 };
 
 use bus::{Bus, Publisher, Subscriber, SystemName, WaitOutcome};
@@ -32,9 +32,12 @@ use crate::{
 
 /// Maximum size of the configuration, bytes. A configuration holds a launch file and a few numbers.
 const MAX_CONFIG_BYTES: u64 = 1 << 20;
-/// Longest time for which a service sleeps. After that it checks for input and stop requests even
-/// if nothing has woken it.
+/// Longest time for which a service without a supervisor sleeps. After that it checks for input
+/// even if nothing has woken it.
 const MAX_WAIT: Duration = Duration::from_millis(50);
+/// Interval at which a service that was requested to stop is woken. A single wake-up could come
+/// just before the service starts to wait.
+const STOP_WAKE_INTERVAL: Duration = Duration::from_millis(20);
 /// Time after a stop request at which the process is terminated forcibly.
 const STOP_TIMEOUT: Duration = Duration::from_secs(1);
 /// Interval between health reports of an owner.
@@ -59,6 +62,9 @@ pub struct ServiceContext {
     health: Publisher<Health>,
     last_health: Health,
     last_health_ns: u64,
+    /// Longest time for which the service sleeps; `None` if a supervisor wakes services that wait
+    /// for an idle topic.
+    max_wait: Option<Duration>,
 }
 
 impl ServiceContext {
@@ -82,10 +88,10 @@ impl ServiceContext {
         if rustix::process::getppid().map(|pid| pid.as_raw_nonzero().get() as u32) != Some(config.supervisor_pid) {
             return Err(invalid("the supervisor has exited".into()));
         }
-        Self::with_config(service, config)
+        Ok(Self { max_wait: None, ..Self::with_config(service, config)? })
     }
 
-    /// Joins the bus with the given configuration.
+    /// Joins the bus with the given configuration, without a supervisor.
     ///
     /// # Errors
     ///
@@ -100,7 +106,17 @@ impl ServiceContext {
             ..bytemuck::Zeroable::zeroed()
         };
         let stop_flag = Arc::new(AtomicBool::new(false));
-        Ok(Self { service, config, bus, stop_flag, liveness: None, health, last_health, last_health_ns: 0 })
+        Ok(Self {
+            service,
+            config,
+            bus,
+            stop_flag,
+            liveness: None,
+            health,
+            last_health,
+            last_health_ns: 0,
+            max_wait: Some(MAX_WAIT),
+        })
     }
 
     /// Opens a publisher with the buffer size of its topic.
@@ -144,7 +160,7 @@ impl ServiceContext {
     pub fn publish_health(&mut self, state: State, change: impl FnOnce(&mut Health)) -> Result<(), RuntimeError> {
         if self.liveness.is_none() {
             let liveness = Arc::new(());
-            install_signal_handlers(&self.stop_flag, self.bus.owner_exited(), Arc::downgrade(&liveness))
+            install_signal_handlers(&self.stop_flag, &self.bus, Arc::downgrade(&liveness))
                 .map_err(|cause| RuntimeError::System { doing: "installing signal handlers", cause })?;
             self.liveness = Some(liveness);
         }
@@ -173,9 +189,10 @@ impl ServiceContext {
         self.last_health_ns = 0;
     }
 
-    /// Sleeps until a message arrives or the maximum sleep time has passed. Counts lost wake-ups.
+    /// Sleeps until a message arrives, a stop is requested, the supervisor wakes the service, or the
+    /// maximum sleep time has passed. Counts lost wake-ups.
     pub fn wait<I>(&mut self, topic: &dyn SlotInput<I>) {
-        if topic.wait(MAX_WAIT) == WaitOutcome::LateWake {
+        if topic.wait(self.max_wait) == WaitOutcome::LateWake {
             self.last_health.late_wakes += 1;
         }
     }
@@ -188,25 +205,27 @@ impl ServiceContext {
     }
 }
 
-/// Sets `stop_flag` on a stop signal and when the supervisor exits.
+/// Sets `stop_flag` and wakes the service on a stop signal and when the supervisor exits.
 ///
 /// If the process has not stopped after [`STOP_TIMEOUT`], for example because its stage does not
 /// return, a thread ends it. This is necessary, because there may be no supervisor left to kill it.
-fn install_signal_handlers(
-    stop_flag: &Arc<AtomicBool>,
-    supervisor_has_exited: Arc<AtomicBool>,
-    liveness: Weak<()>,
-) -> io::Result<()> {
-    flag::register(SIGHUP, supervisor_has_exited)?;
+fn install_signal_handlers(stop_flag: &Arc<AtomicBool>, bus: &Bus, liveness: Weak<()>) -> io::Result<()> {
+    flag::register(SIGHUP, bus.owner_exited())?;
     for signal in [SIGTERM, SIGINT, SIGHUP] {
         flag::register(signal, stop_flag.clone())?;
     }
     let (signal_end, mut waiting_end) = UnixStream::pair()?;
-    pipe::register(SIGHUP, signal_end.try_clone()?)?;
-    pipe::register(SIGTERM, signal_end)?;
+    for signal in [SIGTERM, SIGINT, SIGHUP] {
+        pipe::register(signal, signal_end.try_clone()?)?;
+    }
+    let wake_handle = bus.wake_handle();
     std::thread::Builder::new().name("stop".into()).spawn(move || {
         if waiting_end.read_exact(&mut [0]).is_ok() {
-            std::thread::sleep(STOP_TIMEOUT);
+            let deadline = Instant::now() + STOP_TIMEOUT;
+            while liveness.strong_count() > 0 && Instant::now() < deadline {
+                wake_handle.wake_all();
+                std::thread::sleep(STOP_WAKE_INTERVAL);
+            }
         }
         if liveness.upgrade().is_some() {
             exit(1);

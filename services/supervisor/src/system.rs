@@ -41,6 +41,9 @@ use connection::{BusConnection, OptionalInputs};
 
 /// Interval between two updates of the display.
 const VIEW_INTERVAL: Duration = Duration::from_millis(100);
+/// Interval at which services that wait for an idle topic are woken. It is shorter than the interval
+/// of health reports.
+const IDLE_WAKE_INTERVAL: Duration = Duration::from_millis(50);
 /// Interval between two checks of the bus files and of the control socket while no process exits.
 const FILE_CHECK_INTERVAL: Duration = Duration::from_secs(1);
 
@@ -91,6 +94,7 @@ struct System {
     /// Set once a failure to open the control socket again has been announced.
     socket_failure_announced: bool,
     last_file_check: Instant,
+    last_idle_wake: Instant,
     last_shown: Instant,
     finished: Option<Result<(), UpError>>,
     claim: Option<Claim>,
@@ -142,6 +146,7 @@ impl System {
             run_record: RunRecord::create(&plan.config.launch.name),
             socket_failure_announced: false,
             last_file_check: Instant::now(),
+            last_idle_wake: Instant::now(),
             last_shown: Instant::now(),
             finished: None,
             claim: Some(claim),
@@ -176,6 +181,10 @@ impl System {
         let exits = self.processes.reap();
         let has_exits = !exits.is_empty();
         let Some(connection) = &mut self.connection else { return Ok(()) };
+        if self.last_idle_wake.elapsed() >= IDLE_WAKE_INTERVAL {
+            self.last_idle_wake = Instant::now();
+            connection.wake_idle();
+        }
         // Checkpoints are read before attitudes, so that all attitudes published before a
         // checkpoint are collected.
         let mut events = connection.poll_events()?;

@@ -246,6 +246,48 @@ fn frozen_waiter_costs_one_system_call() {
     assert_eq!(u32::from_ne_bytes(waiting_word), 0, "the next message would make a system call, too");
 }
 
+/// Returns the outcome of a wait without a timer. With `loses_wake`, a publisher counts a message
+/// while the subscriber sleeps, but does not wake it.
+fn untimed_wait(loses_wake: bool) -> WaitOutcome {
+    let Pair { here, system_name, .. } = &pair();
+    let mut idle_waker = here.idle_waker();
+    // The layout is that of `frozen_waiter_costs_one_system_call`.
+    let wake_count = (64 * (1 + ImuSample::TOPIC.index)) as u64;
+    let path = format!("/dev/shm/plumbline.{}.wake", system_name.name());
+    let file = fs::File::options().read(true).write(true).open(path).unwrap();
+    let word = |at: u64| {
+        let mut bytes = [0; 4];
+        file.read_exact_at(&mut bytes, at).unwrap();
+        u32::from_ne_bytes(bytes)
+    };
+    std::thread::scope(|scope| {
+        let waiter = scope.spawn(|| {
+            let there = Bus::join(system_name, "waiter").unwrap();
+            there.subscriber::<ImuSample>(BUFFER).unwrap().wait(None)
+        });
+        while word(wake_count + size_of::<u32>() as u64) == 0 {
+            std::thread::sleep(Duration::from_millis(1));
+        }
+        std::thread::sleep(Duration::from_millis(20));
+        if loses_wake {
+            file.write_all_at(&(word(wake_count) + 1).to_ne_bytes(), wake_count).unwrap();
+        }
+        while !waiter.is_finished() {
+            idle_waker.wake();
+            std::thread::sleep(Duration::from_millis(1));
+        }
+        waiter.join().unwrap()
+    })
+}
+
+#[test]
+fn idle_waker_ends_untimed_waits() {
+    assert_eq!(untimed_wait(false), WaitOutcome::Idle);
+    // On a loaded machine, the message may be counted before the subscriber sleeps.
+    let outcome = (0..20).map(|_| untimed_wait(true)).find(|outcome| *outcome != WaitOutcome::Published);
+    assert_eq!(outcome, Some(WaitOutcome::LateWake));
+}
+
 #[test]
 fn wait_returns_immediately_with_messages() {
     let Pair { here, there, .. } = &pair();

@@ -2,7 +2,7 @@
 
 use std::time::Duration;
 
-use bus::{Bus, Publisher, SharedMemory, Subscriber, SystemName};
+use bus::{Bus, IdleWaker, Publisher, SharedMemory, Subscriber, SystemName};
 use control::ControlSocket;
 use launch::Service;
 use messages::{AttitudeOutput, Checkpoint, Control, Credit, Difference, FusedState, Health, Reference, SystemEvent};
@@ -36,6 +36,7 @@ pub(super) struct BusConnection {
     /// Topics of the input check; `None` once the check is finished, or if another host runs it.
     pub(super) input: Option<InputTopics>,
     buffer: usize,
+    idle_waker: IdleWaker,
     bus: Bus,
 }
 
@@ -79,6 +80,7 @@ impl BusConnection {
             socket: ControlSocket::open(system_name)?,
             reaper: StaleNodeReaper::new(system_name.clone())?,
             buffer,
+            idle_waker: bus.idle_waker(),
             bus,
         })
     }
@@ -158,9 +160,15 @@ impl BusConnection {
         Ok(())
     }
 
+    /// Wakes the services that have waited since the previous call, so that they report their health
+    /// and check all inputs.
+    pub(super) fn wake_idle(&mut self) {
+        self.idle_waker.wake();
+    }
+
     /// Sleeps until an attitude arrives, for at most `timeout`.
     pub(super) fn wait(&self, timeout: Duration) {
-        SlotInput::<AttitudeOutput>::wait(&self.attitude, timeout);
+        SlotInput::<AttitudeOutput>::wait(&self.attitude, Some(timeout));
     }
 }
 
