@@ -92,6 +92,16 @@ pub fn hash(mut hash: u64, bytes: &[u8]) -> u64 {
     hash
 }
 
-/// Initial value of [`hash()`].
+/// Continues a 64-bit hash over `words`. It is several times faster than [`hash()`], and yields
+/// other values. A new hash starts with [`HASH_START`].
+pub fn hash_words(hash: u64, words: &[u64]) -> u64 {
+    words.iter().fold(hash, |hash, word| {
+        let hash = (hash ^ word).wrapping_mul(HASH_PRIME);
+        // Without this shift, changes in the highest bits of two words could cancel each other.
+        hash ^ (hash >> 32)
+    })
+}
+
+/// Initial value of [`hash()`] and [`hash_words`].
 pub const HASH_START: u64 = 0xcbf2_9ce4_8422_2325;
 const HASH_PRIME: u64 = 0x0000_0100_0000_01b3;

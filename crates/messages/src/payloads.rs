@@ -392,20 +392,18 @@ payload! {
 pub const CHECKPOINT_WORDS: usize = 1600;
 
 impl Checkpoint {
-    /// Returns the checksum of everything but the checksum itself.
+    /// Returns the checksum of everything but the checksum itself and the unused words.
     ///
-    /// The checksum is computed over words of eight bytes, because checkpoints are long and are
-    /// checked often.
+    /// Most checkpoints use a small part of their words, and checkpoints are checked often.
     pub fn compute_checksum(&self) -> u64 {
-        let Self { checksum, .. } = self;
+        let Self { checksum, slot_words, common_words, stage_words, .. } = self;
         let words: &[u64] = bytemuck::cast_slice(std::slice::from_ref(self));
         let checksum_index = std::mem::offset_of!(Self, checksum) / size_of_val(checksum);
-        let (before, after) = (&words[..checksum_index], &words[checksum_index + 1..]);
-        before.iter().chain(after).fold(crate::HASH_START, |sum, word| {
-            let sum = (sum ^ word).wrapping_mul(crate::HASH_PRIME);
-            // Without this shift, changes in the highest bits of two words could cancel each other.
-            sum ^ (sum >> 32)
-        })
+        let state_index = std::mem::offset_of!(Self, words) / size_of::<u64>();
+        let used: usize = [slot_words, common_words, stage_words].map(|count| *count as usize).iter().sum();
+        let end = (state_index + used).min(words.len());
+        let (before, after) = (&words[..checksum_index], &words[checksum_index + 1..end]);
+        crate::hash_words(crate::hash_words(crate::HASH_START, before), after)
     }
 
     /// Returns the name of the stage; empty if it is missing or not valid UTF-8.
