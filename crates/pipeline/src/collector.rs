@@ -8,7 +8,7 @@ use attitude::{
     metrics::{Accuracy, AttitudeError},
 };
 use hdrhistogram::Histogram;
-use messages::{AttitudeOutput, Flags, FusedState, HASH_START, Reference, Ticked, hash};
+use messages::{AttitudeOutput, Flags, FusedState, HASH_START, Reference, Ticked, hash_words};
 use runtime::Sequence;
 
 use crate::{
@@ -89,7 +89,7 @@ impl Collector {
         self.not_recorded += missing - header.lost_upstream.saturating_sub(lost_before).min(missing);
         self.latency_ns.saturating_record(header.t_sent_ns.saturating_sub(header.t_born_ns));
         self.flags |= header.flags;
-        self.digest = hash(self.digest, bytemuck::bytes_of(&output.canonical()));
+        self.digest = hash_words(self.digest, bytemuck::cast_slice(std::slice::from_ref(&output.canonical())));
         while self.pending.front().is_some_and(|reference| reference.tick < header.tick) {
             self.pending.pop_front();
         }
