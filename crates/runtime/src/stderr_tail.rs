@@ -36,6 +36,11 @@ impl StderrTail {
         Self { pipe, ..Self::default() }
     }
 
+    /// Returns the pipe, or `None` if the child has closed it.
+    pub fn pipe(&self) -> Option<&ChildStderr> {
+        self.pipe.as_ref()
+    }
+
     /// Reads what the child has written since the last poll.
     pub fn poll(&mut self) {
         let mut chunk = [0; 16384];
