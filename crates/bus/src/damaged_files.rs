@@ -45,7 +45,7 @@ impl FileMonitor {
     /// check.
     pub fn damaged_file(&mut self, system_name: &SystemName) -> Option<PathBuf> {
         let services = fs::read_dir(system_name.root().join("services")).into_iter().flatten().flatten();
-        let paths = system_name.files().into_iter().chain(services.map(|entry| entry.path()));
+        let paths = system_name.entries().into_iter().chain(services.map(|entry| entry.path()));
         let found: BTreeMap<_, _> = paths.filter_map(|path| Fingerprint::read(&path).map(|one| (path, one))).collect();
         let is_damaged = |path: &PathBuf, now: &Fingerprint| {
             self.known

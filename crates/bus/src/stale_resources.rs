@@ -188,7 +188,7 @@ impl SystemName {
     }
 
     /// Returns the files and folders of all users that carry the name of the system.
-    fn entries(&self) -> Vec<PathBuf> {
+    pub(crate) fn entries(&self) -> Vec<PathBuf> {
         let prefix = self.prefix();
         let segments = fs::read_dir(SHARED_MEMORY).into_iter().flatten().flatten();
         let named = segments.filter(|entry| entry.file_name().to_string_lossy().starts_with(&prefix));

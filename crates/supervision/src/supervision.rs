@@ -209,6 +209,9 @@ impl Supervision {
             Duration::from_millis(1)
         } else if self.is_swapping() {
             Duration::from_millis(2)
+        } else if self.path().all(|(_, entry)| entry.is_settled()) {
+            // Every round costs time on the processors of the data path. An exit ends the wait.
+            Duration::from_millis(50)
         } else {
             Duration::from_millis(20)
         }
