@@ -153,17 +153,16 @@ impl PacedIngest {
             let Some(sample) = next.take_if(|sample| sample.imu.header.tick < ingest.allowed_ticks) else {
                 break;
             };
+            // The next sample is computed before this one is published. After waking the
+            // subscribers, the source then sleeps immediately and leaves the processor to them.
+            let following = ingest.read(readings);
             ingest.publish(sample)?;
-            if batch == 1 {
-                // Wakes the subscribers before the next reading is computed, because computing it
-                // takes time.
+            if following.is_err() {
                 ingest.imu.wake();
             }
-            *next = ingest.read(readings)?;
+            *next = following?;
         }
-        if batch > 1 {
-            ingest.imu.wake();
-        }
+        ingest.imu.wake();
         ingest.publish_health(State::RUNNING)?;
         Ok(true)
     }

@@ -7,9 +7,8 @@
 //! A process that starts or exits computes for tens of milliseconds. A tick that waits for a
 //! processor would wait for a whole time slice of that process, which lasts a few milliseconds.
 //! Processes on the data path therefore have the shortest slices. Linux 6.12 and later then run
-//! them as soon as they are woken; earlier versions ignore the slice. The slice of the source is
-//! twice as long, so that the services that it wakes run before it prepares its next sample.
-//! Starting candidates and exiting processes have an increased nice value.
+//! them as soon as they are woken; earlier versions ignore the slice. Starting candidates and exiting
+//! processes have an increased nice value.
 //!
 //! If the supervisor was started with a policy other than the default, for example by `chrt
 //! --fifo`, that policy also applies to the data path and to auxiliary processes. Starting and
@@ -22,12 +21,9 @@ use rustix::{
     thread::{CapabilitySet, capabilities},
 };
 
-/// Time slice of the slots' processes, ns. Processing one tick takes less time than this. It is the
-/// shortest slice that Linux supports.
+/// Time slice of processes on the data path, ns. Processing one tick takes less time than this. It
+/// is the shortest slice that Linux supports.
 const PATH_SLICE_NS: u64 = 100_000;
-/// Time slice of the source, ns. It is longer than that of the slots, which therefore interrupt the
-/// source when it wakes them, and shorter than the kernel's default.
-const SOURCE_SLICE_NS: u64 = 200_000;
 /// Time slice of the supervisor, ns. It is longer than on the data path, but shorter than the
 /// kernel's default of a few milliseconds.
 const SUPERVISOR_SLICE_NS: u64 = 1_000_000;
@@ -43,9 +39,7 @@ pub(crate) const CALLING_THREAD: u32 = 0;
 /// Scheduling class of a process.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum SchedulingClass {
-    /// Source of the samples. The processes that it wakes run before it continues.
-    Source,
-    /// Process of a slot, which runs as soon as it is woken.
+    /// Process of the data path, which runs as soon as it is woken.
     Path,
     /// Auxiliary process with default scheduling.
     Auxiliary,
@@ -80,10 +74,9 @@ pub(crate) fn set_supervisor_slice() {
 fn attributes(own: libc::sched_attr, class: SchedulingClass) -> libc::sched_attr {
     let is_default = own.sched_policy == libc::SCHED_OTHER as u32;
     match class {
-        SchedulingClass::Source if is_default => libc::sched_attr { sched_runtime: SOURCE_SLICE_NS, ..own },
         SchedulingClass::Path if is_default => libc::sched_attr { sched_runtime: PATH_SLICE_NS, ..own },
         SchedulingClass::Auxiliary if is_default => libc::sched_attr { sched_runtime: 0, ..own },
-        SchedulingClass::Source | SchedulingClass::Path | SchedulingClass::Auxiliary => own,
+        SchedulingClass::Path | SchedulingClass::Auxiliary => own,
         SchedulingClass::Starting | SchedulingClass::Leaving => libc::sched_attr {
             sched_policy: libc::SCHED_OTHER as u32,
             sched_nice: (own.sched_nice + NICE_INCREMENT).min(MAX_NICE),
@@ -167,8 +160,6 @@ mod tests {
         // Kernels before 6.12 always report a slice of 0.
         let supported = |slice_ns| if own.sched_runtime == 0 { 0 } else { slice_ns };
         let slice_ns = supported(PATH_SLICE_NS);
-        let source_slice_ns = supported(SOURCE_SLICE_NS);
-        assert_eq!(sleeper.apply(SchedulingClass::Source), (policy, own.sched_nice, source_slice_ns));
         assert_eq!(sleeper.apply(SchedulingClass::Path), (policy, own.sched_nice, slice_ns));
         if can_restore(&own) {
             assert_eq!(sleeper.apply(SchedulingClass::Starting), (policy, nice, own.sched_runtime));

@@ -352,7 +352,6 @@ impl System {
         }
         let class = match role {
             _ if service.is_low_priority() => SchedulingClass::Auxiliary,
-            _ if service.slot().is_none() => SchedulingClass::Source,
             Role::Owner { .. } => SchedulingClass::Path,
             Role::Candidate => SchedulingClass::Starting,
         };
