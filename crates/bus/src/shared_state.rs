@@ -106,8 +106,7 @@ impl SharedState {
         self.layout().words.iter().for_each(WakeWord::wake);
     }
 
-    /// Wakes the subscribers of each topic whose wake count equals the one in `seen`, and updates
-    /// `seen`.
+    /// Wakes the subscribers of each topic with the wake count in `seen`, and updates `seen`.
     pub(crate) fn wake_idle(&self, seen: &mut [u32; Topic::ALL.len()]) {
         for (word, seen) in self.layout().words.iter().zip(seen) {
             let wake_count = word.wake_count.load(SeqCst);
@@ -115,6 +114,11 @@ impl SharedState {
                 word.wake_idle();
             }
         }
+    }
+
+    /// Wakes the subscribers of all topics, even if none has announced that it is waiting.
+    pub(crate) fn wake_unannounced(&self) {
+        self.layout().words.iter().for_each(WakeWord::wake_idle);
     }
 
     /// Returns the wake word of the topic with this index.

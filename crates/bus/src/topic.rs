@@ -164,10 +164,17 @@ pub struct IdleWaker {
 }
 
 impl IdleWaker {
-    /// Wakes the subscribers of every topic whose subscribers were not woken since the previous
-    /// call.
+    /// Wakes the subscribers of every topic without a wake-up since the previous call.
     pub fn wake(&mut self) {
         self.state.wake_idle(&mut self.seen);
+    }
+
+    /// Wakes the subscribers of every topic. To be called after a publisher was killed.
+    ///
+    /// It may have been killed between clearing the announcement of a waiting subscriber and waking
+    /// it. The next publisher does not wake that subscriber, and the topic is not idle.
+    pub fn wake_after_exit(&self) {
+        self.state.wake_unannounced();
     }
 }
 

@@ -189,8 +189,8 @@ impl ServiceContext {
         self.last_health_ns = 0;
     }
 
-    /// Sleeps until a message arrives, a stop is requested, the supervisor wakes the service, or the
-    /// maximum sleep time has passed. Counts lost wake-ups.
+    /// Sleeps until a message arrives, a stop is requested, the supervisor wakes the service, or
+    /// the maximum sleep time has passed. Counts lost wake-ups.
     pub fn wait<I>(&mut self, topic: &dyn SlotInput<I>) {
         if topic.wait(self.max_wait) == WaitOutcome::LateWake {
             self.last_health.late_wakes += 1;

@@ -7,8 +7,8 @@
 //! A process that starts or exits computes for tens of milliseconds. A tick that waits for a
 //! processor would wait for a whole time slice of that process, which lasts a few milliseconds.
 //! Processes on the data path therefore have the shortest slices. Linux 6.12 and later then run
-//! them as soon as they are woken; earlier versions ignore the slice. Starting candidates and exiting
-//! processes have an increased nice value.
+//! them as soon as they are woken; earlier versions ignore the slice. Starting candidates and
+//! exiting processes have an increased nice value.
 //!
 //! If the supervisor was started with a policy other than the default, for example by `chrt
 //! --fifo`, that policy also applies to the data path and to auxiliary processes. Starting and

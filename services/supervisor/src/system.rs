@@ -41,8 +41,8 @@ use connection::{BusConnection, OptionalInputs};
 
 /// Interval between two updates of the display.
 const VIEW_INTERVAL: Duration = Duration::from_millis(100);
-/// Interval at which services that wait for an idle topic are woken. It is shorter than the interval
-/// of health reports.
+/// Interval at which services that wait for an idle topic are woken. It is shorter than the
+/// interval of health reports.
 const IDLE_WAKE_INTERVAL: Duration = Duration::from_millis(50);
 /// Interval between two checks of the bus files and of the control socket while no process exits.
 const FILE_CHECK_INTERVAL: Duration = Duration::from_secs(1);
@@ -199,6 +199,7 @@ impl System {
         events.push(Event::Output(output_progress(collector)));
         events.extend(exits.into_iter().map(Event::from));
         if has_exits {
+            connection.wake_after_exit();
             connection.reaper.notify_exit();
         }
         for event in events {

@@ -246,13 +246,25 @@ fn frozen_waiter_costs_one_system_call() {
     assert_eq!(u32::from_ne_bytes(waiting_word), 0, "the next message would make a system call, too");
 }
 
-/// Returns the outcome of a wait without a timer. With `loses_wake`, a publisher counts a message
-/// while the subscriber sleeps, but does not wake it.
-fn untimed_wait(loses_wake: bool) -> WaitOutcome {
+/// Events on a topic while its subscriber sleeps without a timer.
+#[derive(Debug, Clone, Copy, PartialEq)]
+enum Activity {
+    Idle,
+    /// A publisher counts a message and clears the announcement of the subscriber. It is killed
+    /// before it wakes the subscriber.
+    LostWake,
+    /// A publisher is killed as in `LostWake`, and another one continues.
+    LostWakeAndMessages,
+}
+
+/// Returns the outcome of a wait without a timer, and whether a periodic wake-up has ended it.
+fn untimed_wait(activity: Activity) -> (WaitOutcome, bool) {
     let Pair { here, system_name, .. } = &pair();
+    let publisher = here.publisher::<ImuSample>(BUFFER).unwrap();
     let mut idle_waker = here.idle_waker();
     // The layout is that of `frozen_waiter_costs_one_system_call`.
     let wake_count = (64 * (1 + ImuSample::TOPIC.index)) as u64;
+    let waiting = wake_count + size_of::<u32>() as u64;
     let path = format!("/dev/shm/plumbline.{}.wake", system_name.name());
     let file = fs::File::options().read(true).write(true).open(path).unwrap();
     let word = |at: u64| {
@@ -265,27 +277,38 @@ fn untimed_wait(loses_wake: bool) -> WaitOutcome {
             let there = Bus::join(system_name, "waiter").unwrap();
             there.subscriber::<ImuSample>(BUFFER).unwrap().wait(None)
         });
-        while word(wake_count + size_of::<u32>() as u64) == 0 {
+        while word(waiting) == 0 {
             std::thread::sleep(Duration::from_millis(1));
         }
         std::thread::sleep(Duration::from_millis(20));
-        if loses_wake {
+        if activity != Activity::Idle {
             file.write_all_at(&(word(wake_count) + 1).to_ne_bytes(), wake_count).unwrap();
+            file.write_all_at(&0_u32.to_ne_bytes(), waiting).unwrap();
         }
-        while !waiter.is_finished() {
+        for _ in 0..100 {
+            if activity == Activity::LostWakeAndMessages {
+                publisher.wake();
+            }
             idle_waker.wake();
             std::thread::sleep(Duration::from_millis(1));
         }
-        waiter.join().unwrap()
+        let was_woken = waiter.is_finished();
+        while !waiter.is_finished() {
+            idle_waker.wake_after_exit();
+            std::thread::sleep(Duration::from_millis(1));
+        }
+        (waiter.join().unwrap(), was_woken)
     })
 }
 
 #[test]
-fn idle_waker_ends_untimed_waits() {
-    assert_eq!(untimed_wait(false), WaitOutcome::Idle);
+fn untimed_waits_are_ended() {
+    assert_eq!(untimed_wait(Activity::Idle), (WaitOutcome::Idle, true));
     // On a loaded machine, the message may be counted before the subscriber sleeps.
-    let outcome = (0..20).map(|_| untimed_wait(true)).find(|outcome| *outcome != WaitOutcome::Published);
-    assert_eq!(outcome, Some(WaitOutcome::LateWake));
+    let outcome =
+        |activity| (0..20).map(|_| untimed_wait(activity)).find(|(outcome, _)| *outcome != WaitOutcome::Published);
+    assert_eq!(outcome(Activity::LostWake), Some((WaitOutcome::LateWake, true)));
+    assert_eq!(outcome(Activity::LostWakeAndMessages), Some((WaitOutcome::LateWake, false)));
 }
 
 #[test]

@@ -160,10 +160,15 @@ impl BusConnection {
         Ok(())
     }
 
-    /// Wakes the services that have waited since the previous call, so that they report their health
-    /// and check all inputs.
+    /// Wakes the services that have waited since the previous call, so that they report their
+    /// health and check all inputs.
     pub(super) fn wake_idle(&mut self) {
         self.idle_waker.wake();
+    }
+
+    /// Wakes all services, because a process that has exited may not have woken its subscribers.
+    pub(super) fn wake_after_exit(&self) {
+        self.idle_waker.wake_after_exit();
     }
 
     /// Sleeps until an attitude arrives, for at most `timeout`.
