@@ -8,7 +8,10 @@
 
 use std::{fmt, fs, io};
 
-use rustix::process::{Resource, Rlimit, getrlimit, setrlimit};
+use rustix::{
+    io::fcntl_dupfd_cloexec,
+    process::{Resource, Rlimit, getrlimit, setrlimit},
+};
 
 use signal_hook::{
     consts::SIGBUS,
@@ -55,6 +58,16 @@ pub(crate) fn raise_open_file_limit() -> Result<(), BusError> {
         Some(allowed) => Err(BusError::OpenFileLimit { allowed }),
         None => Ok(()),
     }
+}
+
+/// Makes the table of this process's open files large enough for [`REQUIRED_OPEN_FILES`].
+///
+/// In a process with several threads, a table that grows waits for the whole kernel. On a loaded
+/// machine, this delayed a service that connected to a restarted publisher by half a second and
+/// more. Therefore the table grows here, before the threads of a service start.
+pub(crate) fn grow_file_table() {
+    // The copy of the descriptor is closed immediately. Without the copy, the table grows later.
+    drop(fcntl_dupfd_cloexec(io::stderr(), REQUIRED_OPEN_FILES as i32 - 1));
 }
 
 /// Installs a handler that explains SIGBUS, which the kernel sends when shared memory is exhausted.

@@ -17,7 +17,7 @@ use messages::Message;
 
 use crate::{
     BusError, SystemName, WaitOutcome,
-    machine_limits::{describe_cause, raise_open_file_limit},
+    machine_limits::{describe_cause, grow_file_table, raise_open_file_limit},
     port::{BusTopic, InPort, OutPort},
     process_lease::ProcessLease,
     shared_state::SharedState,
@@ -130,6 +130,7 @@ impl Bus {
 pub(crate) fn create_node(system_name: &SystemName, process_name: &str) -> Result<Node<ipc::Service>, BusError> {
     set_log_level(LogLevel::Fatal);
     raise_open_file_limit()?;
+    grow_file_table();
     let failed =
         |cause: &dyn fmt::Debug| BusError::Node { name: system_name.name().into(), cause: describe_cause(cause) };
     NodeBuilder::new()
