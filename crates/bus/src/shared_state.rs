@@ -116,7 +116,7 @@ impl SharedState {
         }
     }
 
-    /// Wakes the subscribers of all topics, even if none has announced that it is waiting.
+    /// Wakes the subscribers of all topics, whether or not the flag `waiting` is set.
     pub(crate) fn wake_unannounced(&self) {
         self.layout().words.iter().for_each(WakeWord::wake_idle);
     }
@@ -165,8 +165,8 @@ impl WakeWord {
 
     /// Wakes the subscribers although no message was published.
     ///
-    /// They are woken even if none has announced that it is waiting, because a publisher may have
-    /// been killed after it cleared the announcement.
+    /// Ignores the flag `waiting`, because a publisher that cleared it may have been killed before
+    /// it woke the subscribers.
     fn wake_idle(&self) {
         self.idle_wakes.fetch_add(1, SeqCst);
         self.wake_sleeping();

@@ -170,10 +170,10 @@ impl IdleWaker {
         self.state.wake_idle(&mut self.seen);
     }
 
-    /// Wakes the subscribers of every topic. To be called after a publisher was killed.
+    /// Wakes the subscribers of every topic. Must be called after a process has exited.
     ///
-    /// It may have been killed between clearing the announcement of a waiting subscriber and waking
-    /// it. The next publisher does not wake that subscriber, and the topic is not idle.
+    /// A publisher clears the flag `waiting` of its topic before it wakes the subscribers. If it is
+    /// killed between the two steps, the messages of its successor do not wake them.
     pub fn wake_after_exit(&self) {
         self.state.wake_unannounced();
     }

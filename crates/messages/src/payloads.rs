@@ -400,8 +400,9 @@ impl Checkpoint {
         let words: &[u64] = bytemuck::cast_slice(std::slice::from_ref(self));
         let checksum_index = std::mem::offset_of!(Self, checksum) / size_of_val(checksum);
         let state_index = std::mem::offset_of!(Self, words) / size_of::<u64>();
-        let used: usize = [slot_words, common_words, stage_words].map(|count| *count as usize).iter().sum();
-        let end = (state_index + used).min(words.len());
+        // The counts of a damaged checkpoint can have any value.
+        let used = [slot_words, common_words, stage_words].map(|count| (*count as usize).min(CHECKPOINT_WORDS));
+        let end = (state_index + used.iter().sum::<usize>()).min(words.len());
         let (before, after) = (&words[..checksum_index], &words[checksum_index + 1..end]);
         crate::hash_words(crate::hash_words(crate::HASH_START, before), after)
     }
