@@ -1,8 +1,12 @@
 //! A recording, reduced to snapshots of equal duration when it is opened.
 //!
-//! Input: messages of the topics that contain the source's time, in the order of publication.
+//! Input: messages of the topics that contain the source's time, in the order of arrival at the
+//! recorder. On a busy host the recorder receives many messages of a topic at once, so messages of
+//! other topics follow up to seconds later than those of the same tick.
 //! Output: snapshots by number.
 //! Memory: bounded, independent of the recording's length.
+
+use std::collections::VecDeque;
 
 use graph::Topic;
 use wire::{
@@ -16,6 +20,10 @@ use crate::{SNAPSHOT_INTERVAL, decimator::Decimator};
 /// Maximum number of snapshots of a recording. At the live rate, they cover half an hour. Longer
 /// recordings get longer snapshots.
 const MAX_SNAPSHOTS: u64 = 60_000;
+/// Duration of the messages that are sorted by time. The topics of the bus hold 2 s by default.
+const SORTED_NS: i64 = 4_000_000_000;
+/// Maximum size of the messages that are sorted by time, in bytes.
+const MAX_SORTED_BYTES: usize = 128 << 20;
 /// Maximum number of snapshots in a reply.
 const MAX_REPLY_SNAPSHOTS: usize = 4096;
 /// Maximum size of the snapshots in a reply, in bytes.
@@ -38,6 +46,18 @@ pub struct RecordingBuilder {
     recording: Recording,
     interval_ns: i64,
     decimator: Decimator,
+    /// Messages of the snapshots that are not closed yet, in chronological order. The first element
+    /// belongs to the snapshot that follows those of `recording`.
+    open: VecDeque<SnapshotMessages>,
+    open_bytes: usize,
+}
+
+/// Messages of a snapshot in the order of their addition.
+#[derive(Debug, Default)]
+struct SnapshotMessages {
+    /// Topic and length of each message, in the order of `bytes`.
+    messages: Vec<(Topic, usize)>,
+    bytes: Vec<u8>,
 }
 
 impl Recording {
@@ -47,7 +67,13 @@ impl Recording {
         let min_interval_ns = t_last_ns.abs_diff(t_first_ns).div_ceil(MAX_SNAPSHOTS).cast_signed();
         let interval_ns = (SNAPSHOT_INTERVAL.as_nanos() as i64).max(min_interval_ns);
         let recording = Self { snapshots: Vec::new(), name: name.into(), rate_hz, t_first_ns, t_last_ns };
-        RecordingBuilder { recording, interval_ns, decimator: Decimator::default() }
+        RecordingBuilder {
+            recording,
+            interval_ns,
+            decimator: Decimator::default(),
+            open: VecDeque::new(),
+            open_bytes: 0,
+        }
     }
 
     /// Returns up to `count` encoded snapshots starting at number `from`, but no more than fit into
@@ -80,44 +106,76 @@ impl Recording {
 }
 
 impl RecordingBuilder {
-    /// Adds a message. A message older than its predecessor goes into the current snapshot.
+    /// Adds a message to the snapshot of its time. A message from before the open snapshots goes
+    /// into the first one of them.
     pub fn push(&mut self, t_ns: i64, topic: Topic, bytes: &[u8]) {
-        self.close_snapshots_until(t_ns.min(self.recording.t_last_ns));
-        self.decimator.push(topic, bytes);
+        let number = self.snapshot_number(t_ns);
+        self.close_snapshots_until(self.snapshot_number(t_ns.saturating_sub(SORTED_NS)));
+        if self.open_bytes + bytes.len() > MAX_SORTED_BYTES {
+            // Only the newest snapshot remains open.
+            self.close_snapshots_until((self.recording.snapshots.len() + self.open.len()).saturating_sub(1));
+            self.decimate_first();
+        }
+        let index = number.saturating_sub(self.recording.snapshots.len());
+        if self.open.len() <= index {
+            self.open.resize_with(index + 1, SnapshotMessages::default);
+        }
+        let snapshot = &mut self.open[index];
+        snapshot.messages.push((topic, bytes.len()));
+        snapshot.bytes.extend_from_slice(bytes);
+        self.open_bytes += bytes.len();
     }
 
-    /// Closes the last snapshot and returns the recording.
+    /// Closes the remaining snapshots and returns the recording.
     pub fn finish(mut self) -> Recording {
-        self.close_snapshots_until(self.recording.t_last_ns);
-        self.close_snapshot();
+        self.close_snapshots_until(self.snapshot_number(self.recording.t_last_ns) + 1);
         self.recording
     }
 
-    /// Closes the snapshots that end at or before `t_ns`, up to the maximum number of snapshots.
-    fn close_snapshots_until(&mut self, t_ns: i64) {
-        let span_ns = u64::try_from(i128::from(t_ns) - i128::from(self.recording.t_first_ns)).unwrap_or(0);
-        let count = (span_ns / self.interval_ns.unsigned_abs()).min(MAX_SNAPSHOTS) as usize;
-        while self.recording.snapshots.len() < count {
+    /// Returns the number of the snapshot that contains a time, at most that of the last snapshot.
+    fn snapshot_number(&self, t_ns: i64) -> usize {
+        let t_ns = t_ns.min(self.recording.t_last_ns);
+        let since_first_ns = u64::try_from(i128::from(t_ns) - i128::from(self.recording.t_first_ns)).unwrap_or(0);
+        (since_first_ns / self.interval_ns.unsigned_abs()).min(MAX_SNAPSHOTS) as usize
+    }
+
+    /// Closes the snapshots with numbers below `number`.
+    fn close_snapshots_until(&mut self, number: usize) {
+        while self.recording.snapshots.len() < number {
             self.close_snapshot();
         }
     }
 
-    /// Returns the end of the current snapshot on the source's clock.
+    /// Returns the end of the first open snapshot on the source's clock.
     fn snapshot_end_ns(&self) -> i64 {
         let count = self.recording.snapshots.len() as i64 + 1;
         self.recording.t_first_ns.saturating_add(count.saturating_mul(self.interval_ns))
     }
 
     fn close_snapshot(&mut self) {
+        self.decimate_first();
+        self.open.pop_front();
         let end_ns = self.snapshot_end_ns().max(0).cast_unsigned();
         self.recording.snapshots.push(self.decimator.take_snapshot(end_ns).to_bytes());
+    }
+
+    /// Passes the messages of the first open snapshot to the decimator.
+    fn decimate_first(&mut self) {
+        let Some(SnapshotMessages { messages, bytes }) = self.open.front_mut().map(std::mem::take) else { return };
+        self.open_bytes -= bytes.len();
+        let mut rest = bytes.as_slice();
+        for (topic, len) in messages {
+            let (message, after) = rest.split_at(len);
+            self.decimator.push(topic, message);
+            rest = after;
+        }
     }
 }
 
 #[cfg(test)]
 mod tests {
-    use messages::AttitudeOutput;
-    use wire::v1::Snapshot;
+    use messages::{AttitudeOutput, Reference};
+    use wire::v1::{Quantity, Snapshot};
 
     use super::*;
 
@@ -140,6 +198,44 @@ mod tests {
         let middle = Snapshot::from_bytes(&recording.snapshots[MAX_SNAPSHOTS as usize / 2]).unwrap();
         let t_ns = middle.attitude.map_or(0, |attitude| attitude.header.unwrap_or_default().t_end_ns);
         assert!((t_ns - HOURS_4_NS / 2).abs() <= HOURS_4_NS / MAX_SNAPSHOTS as i64 + 1_000_000_000 || t_ns == 0);
+    }
+
+    #[test]
+    fn topic_that_arrives_later_reaches_snapshots_of_its_time() {
+        const STEP_NS: i64 = 10_000_000;
+        let mut builder = Recording::builder("late", 100.0, 0, 299 * STEP_NS);
+        // A second of attitudes arrives before the references of the same ticks.
+        for first in [0, 100, 200] {
+            let ticks = first..first + 100;
+            for tick in ticks.clone() {
+                let mut attitude = attitude_at(tick * STEP_NS);
+                attitude.header.tick = tick.cast_unsigned();
+                builder.push(tick * STEP_NS, Topic::Attitude, bytemuck::bytes_of(&attitude));
+            }
+            for tick in ticks {
+                let mut reference: Reference = bytemuck::Zeroable::zeroed();
+                (reference.tick, reference.quaternion) = (tick.cast_unsigned(), [1.0, 0.0, 0.0, 0.0]);
+                builder.push(tick * STEP_NS, Topic::Reference, bytemuck::bytes_of(&reference));
+            }
+        }
+        let recording = builder.finish();
+        for (number, bytes) in recording.snapshots.iter().enumerate() {
+            let snapshot = Snapshot::from_bytes(bytes).unwrap();
+            let has_error = snapshot.extremes.iter().any(|range| range.quantity() == Quantity::ErrorRad);
+            assert!(has_error, "snapshot {number} of {}", recording.snapshots.len());
+            assert!((3..=4).contains(&snapshot.attitudes), "snapshot {number}: {} attitudes", snapshot.attitudes);
+        }
+    }
+
+    #[test]
+    fn messages_of_one_snapshot_are_bounded() {
+        let mut builder = Recording::builder("flood", 100.0, 0, 1);
+        let message = vec![0; MAX_SORTED_BYTES / 4];
+        for _ in 0..8 {
+            builder.push(0, Topic::Event, &message);
+            assert!(builder.open_bytes <= MAX_SORTED_BYTES, "{}", builder.open_bytes);
+        }
+        assert_eq!(builder.finish().snapshots.len(), 1);
     }
 
     #[test]
