@@ -169,55 +169,6 @@ impl SupervisedState {
             [self.attitude, previous].iter().all(|attitude| attitude.quaternion().coords.norm().is_finite());
         (!are_finite || !self.rate_outage_s.is_finite()).then_some("a number that is not finite")
     }
-
-    /// Returns the motion since the newest tick for which a motion is known.
-    ///
-    /// If ticks are missing in between, the rotation is computed from the gyro's open-loop
-    /// attitudes. Over a gap longer than [`MAX_BRIDGED_GAP_S`], the rotation is the identity and
-    /// `dt_s` is 0.
-    #[inline(always)]
-    fn bridge(&mut self, tick: &SensorTick) -> Option<Motion> {
-        let mut motion = tick.motion?;
-        let previous = self.previous_motion.replace((motion.attitude, tick.t_end_ns));
-        if let Some((attitude, t_end_ns)) = previous.filter(|(_, t_end_ns)| *t_end_ns != tick.t_start_ns) {
-            motion.rotation = Rotation::between(attitude, motion.attitude);
-            motion.dt_s = (tick.t_end_ns - t_end_ns) as f64 * 1e-9;
-        }
-        if motion.dt_s > MAX_BRIDGED_GAP_S {
-            motion.dt_s = 0.0;
-            motion.rotation = Rotation::IDENTITY;
-        }
-        Some(motion)
-    }
-
-    /// Returns the inclination, or `None` if the force is missing or unusable.
-    #[inline(always)]
-    fn usable_inclination(&mut self, tick: &SensorTick, motion: Option<&Motion>) -> Option<Inclination> {
-        let force_m_s2 = <[f64; 3]>::from(tick.force_m_s2?);
-        // At rest the force may repeat. If it repeats during a rotation, the accelerometer is dead.
-        let is_rotating = motion.is_some_and(|motion| motion.rate_rad_s.norm() > MIN_ROTATION_RATE_RAD_S);
-        self.has_rotated = is_rotating || (self.has_rotated && force_m_s2 == self.force_m_s2);
-        self.force_m_s2 = force_m_s2;
-        let ForceFaults { is_invalid, is_small, is_stuck } = tick.force_faults;
-        let is_dead = is_stuck && !tick.rate_faults.is_stuck && self.has_rotated;
-        tick.inclination.filter(|_| !(is_dead || is_invalid || is_small))
-    }
-
-    /// Returns `true` if the level must be re-initialised after an outage or a gap.
-    ///
-    /// This is the case at the first usable rate after the outage or gap, if the tilt error is too
-    /// large.
-    #[inline(always)]
-    fn needs_realignment(&mut self, is_rate_usable: bool, interval_s: f64, inclination: Option<&Inclination>) -> bool {
-        if !is_rate_usable {
-            self.rate_outage_s += interval_s;
-            return false;
-        }
-        let outage_s = core::mem::take(&mut self.rate_outage_s).max(interval_s);
-        inclination.is_some_and(|inclination| {
-            outage_s > RATE_OUTAGE_LIMIT_S && innovation_rad(inclination, self.attitude) > REALIGN_TILT_RAD
-        })
-    }
 }
 
 impl<S: FuserStage> SupervisedFuser<S> {
@@ -254,27 +205,185 @@ impl<S: FuserStage> SupervisedFuser<S> {
     /// Processes a tick. Returns `None` once the stage has failed permanently.
     #[inline(always)]
     pub fn step(&mut self, tick: &SensorTick) -> Option<SupervisedFused> {
+        let (mut inputs, mut stage) = self.parts();
+        stage.step(&inputs.check(tick))
+    }
+
+    /// Returns the supervision of the inputs and the stage with the supervision of its outputs.
+    ///
+    /// The first part does not depend on the second, so it can be several ticks ahead.
+    #[inline(always)]
+    pub fn parts(&mut self) -> (InputSupervisor<'_>, StageSupervisor<'_, S>) {
         let Self { resetting, state } = self;
-        let motion = state.bridge(tick);
-        let inclination = state.usable_inclination(tick, motion.as_ref());
+        let SupervisedState {
+            previous_motion,
+            is_aligned,
+            reset_counter,
+            rate_outage_s,
+            attitude,
+            force_m_s2,
+            has_rotated,
+        } = state;
+        let outputs = OutputSupervisor { is_aligned, reset_counter, attitude };
+        (
+            InputSupervisor { previous_motion, rate_outage_s, force_m_s2, has_rotated },
+            StageSupervisor { resetting, outputs },
+        )
+    }
+}
+
+/// Input of a stage, with the decisions of the supervision.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct SupervisedInput {
+    /// Input of the stage.
+    pub input: FuserInput,
+    /// Whether the level is re-initialised before the step.
+    pub realignment: Realignment,
+    /// Set if the stage of the gyro or the accelerometer was reset for this tick.
+    pub is_sensor_stage_reset: bool,
+}
+
+/// Decision about the re-initialisation of the level.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum Realignment {
+    /// The level is kept.
+    #[default]
+    No,
+    /// The level is re-initialised.
+    Yes,
+    /// The level is re-initialised if the newest fused attitude has a large tilt error.
+    IfTilted,
+}
+
+/// Supervision of the inputs of a stage.
+#[derive(Debug)]
+pub struct InputSupervisor<'a> {
+    previous_motion: &'a mut Option<(Attitude, i64)>,
+    rate_outage_s: &'a mut f64,
+    force_m_s2: &'a mut [f64; 3],
+    has_rotated: &'a mut bool,
+}
+
+impl InputSupervisor<'_> {
+    /// Returns the input of the stage at a tick.
+    #[inline(always)]
+    pub fn check(&mut self, tick: &SensorTick) -> SupervisedInput {
+        let motion = self.bridge(tick);
+        let inclination = self.usable_inclination(tick, motion.as_ref());
         let RateFaults { is_invalid, is_clipped, is_stuck } = tick.rate_faults;
         let rate_credible = !(is_invalid || is_clipped || is_stuck) && motion.is_some();
         let interval_s = (tick.t_end_ns - tick.t_start_ns) as f64 * 1e-9;
         let is_over_gap = tick.is_after_gap && motion.is_some_and(|motion| motion.dt_s == 0.0);
-        if is_over_gap || state.needs_realignment(rate_credible, interval_s, inclination.as_ref()) {
-            resetting.stage.realign();
-        }
+        let realignment = if is_over_gap {
+            Realignment::Yes
+        } else {
+            self.realignment_after_outage(rate_credible, interval_s, inclination.is_some())
+        };
         let ForceFaults { is_invalid: is_force_invalid, is_stuck: is_force_stuck, .. } = tick.force_faults;
         let rest_credible = !(is_invalid || is_stuck || is_force_invalid || is_force_stuck);
-        let SensorTick { field_ut, fix, .. } = *tick;
+        let SensorTick { field_ut, fix, is_sensor_stage_reset, .. } = *tick;
         let input = FuserInput { motion, inclination, field_ut, fix, rest_credible, rate_credible };
-        let (fused, is_reset) = resetting.step(&input)?;
-        state.attitude = fused.attitude;
-        let has_jumped = fused.corrections.aligned || is_reset || tick.is_sensor_stage_reset;
-        state.reset_counter += u64::from(state.is_aligned && has_jumped);
-        state.is_aligned |= fused.corrections.aligned;
-        let SupervisedState { is_aligned, reset_counter, .. } = *state;
-        Some(SupervisedFused { fused, is_aligned, is_reset, reset_counter })
+        SupervisedInput { input, realignment, is_sensor_stage_reset }
+    }
+
+    /// Returns the motion since the newest tick for which a motion is known.
+    ///
+    /// If ticks are missing in between, the rotation is computed from the gyro's open-loop
+    /// attitudes. Over a gap longer than [`MAX_BRIDGED_GAP_S`], the rotation is the identity and
+    /// `dt_s` is 0.
+    #[inline(always)]
+    fn bridge(&mut self, tick: &SensorTick) -> Option<Motion> {
+        let mut motion = tick.motion?;
+        let previous = self.previous_motion.replace((motion.attitude, tick.t_end_ns));
+        if let Some((attitude, t_end_ns)) = previous.filter(|(_, t_end_ns)| *t_end_ns != tick.t_start_ns) {
+            motion.rotation = Rotation::between(attitude, motion.attitude);
+            motion.dt_s = (tick.t_end_ns - t_end_ns) as f64 * 1e-9;
+        }
+        if motion.dt_s > MAX_BRIDGED_GAP_S {
+            motion.dt_s = 0.0;
+            motion.rotation = Rotation::IDENTITY;
+        }
+        Some(motion)
+    }
+
+    /// Returns the inclination, or `None` if the force is missing or unusable.
+    #[inline(always)]
+    fn usable_inclination(&mut self, tick: &SensorTick, motion: Option<&Motion>) -> Option<Inclination> {
+        let force_m_s2 = <[f64; 3]>::from(tick.force_m_s2?);
+        // At rest the force may repeat. If it repeats during a rotation, the accelerometer is dead.
+        let is_rotating = motion.is_some_and(|motion| motion.rate_rad_s.norm() > MIN_ROTATION_RATE_RAD_S);
+        *self.has_rotated = is_rotating || (*self.has_rotated && force_m_s2 == *self.force_m_s2);
+        *self.force_m_s2 = force_m_s2;
+        let ForceFaults { is_invalid, is_small, is_stuck } = tick.force_faults;
+        let is_dead = is_stuck && !tick.rate_faults.is_stuck && *self.has_rotated;
+        tick.inclination.filter(|_| !(is_dead || is_invalid || is_small))
+    }
+
+    /// Decides whether the level is re-initialised at the first usable rate after an outage or a
+    /// gap.
+    #[inline(always)]
+    fn realignment_after_outage(
+        &mut self,
+        is_rate_usable: bool,
+        interval_s: f64,
+        has_inclination: bool,
+    ) -> Realignment {
+        if !is_rate_usable {
+            *self.rate_outage_s += interval_s;
+            return Realignment::No;
+        }
+        let outage_s = core::mem::take(self.rate_outage_s).max(interval_s);
+        if has_inclination && outage_s > RATE_OUTAGE_LIMIT_S { Realignment::IfTilted } else { Realignment::No }
+    }
+}
+
+/// Supervision of the outputs of a stage.
+#[derive(Debug)]
+struct OutputSupervisor<'a> {
+    is_aligned: &'a mut bool,
+    reset_counter: &'a mut u64,
+    attitude: &'a mut Attitude,
+}
+
+impl OutputSupervisor<'_> {
+    #[inline(always)]
+    fn supervise(&mut self, fused: Fused, is_reset: bool, is_sensor_stage_reset: bool) -> SupervisedFused {
+        *self.attitude = fused.attitude;
+        let has_jumped = fused.corrections.aligned || is_reset || is_sensor_stage_reset;
+        *self.reset_counter += u64::from(*self.is_aligned && has_jumped);
+        *self.is_aligned |= fused.corrections.aligned;
+        SupervisedFused { fused, is_aligned: *self.is_aligned, is_reset, reset_counter: *self.reset_counter }
+    }
+}
+
+/// Stage with the supervision of its outputs.
+#[derive(Debug)]
+pub struct StageSupervisor<'a, S> {
+    resetting: &'a mut ResettingStage<S>,
+    outputs: OutputSupervisor<'a>,
+}
+
+impl<S: FuserStage> StageSupervisor<'_, S> {
+    /// Steps the stage. Returns `None` once the stage has failed permanently.
+    #[inline(always)]
+    pub fn step(&mut self, input: &SupervisedInput) -> Option<SupervisedFused> {
+        if self.needs_realignment(input) {
+            self.resetting.stage.realign();
+        }
+        let (fused, is_reset) = self.resetting.step(&input.input)?;
+        Some(self.outputs.supervise(fused, is_reset, input.is_sensor_stage_reset))
+    }
+
+    #[inline(always)]
+    fn needs_realignment(&self, input: &SupervisedInput) -> bool {
+        match input.realignment {
+            Realignment::No => false,
+            Realignment::Yes => true,
+            Realignment::IfTilted => input
+                .input
+                .inclination
+                .is_some_and(|inclination| innovation_rad(&inclination, *self.outputs.attitude) > REALIGN_TILT_RAD),
+        }
     }
 }
 
