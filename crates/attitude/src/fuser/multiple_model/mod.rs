@@ -19,31 +19,32 @@
 //!
 //! | file | content |
 //! | --- | --- |
+//! | `aided_model` | `aided` with the detection of ground motion |
+//! | `wz_model` | `wz` with the selection between the stages |
 //! | `turn_detector` | detection of coordinated turns, without an attitude |
 //! | `transition` | transition from the attitude of one stage to that of another without a step |
 
+mod aided_model;
 mod transition;
 mod turn_detector;
+mod wz_model;
+
+pub use aided_model::{AidedModel, AidedOutput};
+pub use wz_model::WzModel;
 
 use super::{
-    aided::{self, Aided},
+    aided,
     estimate::Estimate,
     finite::fuser_step,
-    fused::{Corrections, Fused},
+    fused::Fused,
     input::FuserInput,
     wz::{self, Wz},
 };
 use crate::{
-    course::CourseReference,
     parameters::{Parameter, ParameterError, Parameters},
-    scalars::{Scalars, visit_fields},
     stage::{RestoreError, Stage},
-    state::Attitude,
 };
-use {transition::Transition, turn_detector::TurnDetector};
 
-/// Time for which a body counts as moving over ground after ground motion was detected, s.
-const GROUND_MOTION_HOLD_S: f64 = 300.0;
 /// Parameters of `wz`, then those of `aided`.
 ///
 /// A parameter that both stages have is listed once, with those of `aided`, and set in both. The
@@ -64,137 +65,31 @@ const fn concat<const COUNT: usize>(first: &[Parameter], second: &[Parameter]) -
     all
 }
 
-/// Stage that provides the level or the heading.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-enum Model {
-    Wz,
-    Aided,
-}
-
-/// Stages that provide level and heading.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-struct ModelSelection {
-    level: Model,
-    heading: Model,
-}
-
-impl ModelSelection {
-    const WZ: Self = Self { level: Model::Wz, heading: Model::Wz };
-
-    fn pick<T>(self, wz: T, aided: T) -> Selected<T>
-    where
-        T: Copy,
-    {
-        let value_of = |model| if model == Model::Wz { wz } else { aided };
-        Selected { level: value_of(self.level), heading: value_of(self.heading) }
-    }
-}
-
-/// Values from the stage selected for the level and from the stage selected for the heading.
-#[derive(Debug, Clone, Copy)]
-struct Selected<T> {
-    level: T,
-    heading: T,
-}
-
 /// Fuser stage `multiple-model`: `wz` and `aided` in parallel, with a selection between them.
-#[derive(Debug, Clone, PartialEq)]
+///
+/// Each model keeps its own state. At a tick, [`WzModel`] receives the output of [`AidedModel`], but
+/// not the other way round. `AidedModel` can therefore be ahead, for example in another thread.
+#[derive(Debug, Clone, PartialEq, Default)]
 pub struct MultipleModel {
-    wz: Wz,
-    aided: Aided,
-    turns: TurnDetector,
-    /// Time since ground motion was last detected, s.
-    since_ground_motion_s: f64,
-    selection: ModelSelection,
-    transition: Transition,
-}
-
-impl Default for MultipleModel {
-    fn default() -> Self {
-        Self {
-            wz: Wz::default(),
-            aided: Aided::default(),
-            turns: TurnDetector::default(),
-            since_ground_motion_s: GROUND_MOTION_HOLD_S,
-            selection: ModelSelection::WZ,
-            transition: Transition::default(),
-        }
-    }
+    aided: AidedModel,
+    wz: WzModel,
 }
 
 impl MultipleModel {
     pub(super) fn realign(&mut self) {
         self.wz.realign();
         self.aided.realign();
-        self.turns = TurnDetector::default();
     }
 
-    /// Selects one stage for the level and one for the heading. The choice depends on ground motion
-    /// and on the references of the two headings.
-    fn select(&self, wz: CourseReference, aided: CourseReference) -> ModelSelection {
-        let has_ground_motion = self.since_ground_motion_s < GROUND_MOTION_HOLD_S;
-        let heading = match (wz, aided) {
-            (CourseReference::Magnetic, CourseReference::True) if !has_ground_motion => Model::Wz,
-            (_, CourseReference::True) => Model::Aided,
-            _ => Model::Wz,
-        };
-        ModelSelection { level: if has_ground_motion { Model::Aided } else { Model::Wz }, heading }
+    /// Returns the two models.
+    #[inline]
+    pub fn models(&mut self) -> (&mut AidedModel, &mut WzModel) {
+        (&mut self.aided, &mut self.wz)
     }
 
     fn fuse(&mut self, input: &FuserInput) -> Fused {
-        let (wz, aided_corrections) = (self.wz.fuse(input), self.aided.advance(input));
-        let dt_s = input.motion.as_ref().map_or(0.0, |motion| motion.dt_s);
-        let has_velocity = aided_corrections.velocity && self.aided.reference == CourseReference::True;
-        if self.turns.update(input, self.aided.gyro_bias_rad_s) || has_velocity {
-            self.since_ground_motion_s = 0.0;
-        } else {
-            self.since_ground_motion_s = (self.since_ground_motion_s + dt_s).min(GROUND_MOTION_HOLD_S);
-        }
-        let (previous, selection) = (self.selection, self.select(wz.reference, self.aided.reference));
-        self.selection = selection;
-        // The output of `aided` is computed only if it is used.
-        if ![previous.level, selection.level, selection.heading].contains(&Model::Aided) {
-            return self.combine(&wz, &wz, None, wz.corrections.aligned, dt_s);
-        }
-        let aided = self.aided.output(input, aided_corrections);
-        let Selected { level, heading } = selection.pick(&wz, &aided);
-        let has_switched = previous.level != selection.level;
-        let jumps = has_switched && self.transition.start(previous.pick(&wz, &aided).level.attitude, level.attitude);
-        let other = (selection.level != selection.heading).then_some(heading.attitude);
-        self.combine(level, heading, other, level.corrections.aligned || jumps, dt_s)
-    }
-
-    /// Returns the output from those of the stages that provide level and heading.
-    ///
-    /// `other` is the attitude of the stage that provides the heading, if another stage provides
-    /// the level. `has_jumped` is `true` if the level jumps.
-    #[inline(always)]
-    fn combine(
-        &mut self,
-        level: &Fused,
-        heading: &Fused,
-        other: Option<Attitude>,
-        has_jumped: bool,
-        dt_s: f64,
-    ) -> Fused {
-        let mut aligned = has_jumped;
-        if heading.reference != CourseReference::Arbitrary {
-            aligned |= self.transition.follow_heading(level.attitude, other, dt_s);
-        }
-        self.transition.decay_tilt(dt_s);
-        Fused {
-            attitude: self.transition.attitude(level.attitude),
-            heading_sd_rad: heading.heading_sd_rad,
-            reference: heading.reference,
-            corrections: Corrections {
-                velocity: level.corrections.velocity || heading.corrections.velocity,
-                magnetic: heading.corrections.magnetic,
-                disturbed: heading.corrections.disturbed,
-                aligned,
-                ..level.corrections
-            },
-            ..*level
-        }
+        let aided = self.aided.step(input);
+        self.wz.step(input, &aided)
     }
 }
 
@@ -217,7 +112,7 @@ impl Stage for MultipleModel {
         if PARAMETERS.iter().all(|parameter| parameter.name != name) {
             return Err(ParameterError::Unknown { known: PARAMETERS });
         }
-        match (self.wz.set(name, value), self.aided.set(name, value)) {
+        match (self.wz.stage.set(name, value), self.aided.stage.set(name, value)) {
             (Err(ParameterError::Unknown { .. }), aided) => aided,
             (wz, Err(ParameterError::Unknown { .. })) => wz,
             (wz, aided) => wz.and(aided),
@@ -225,50 +120,27 @@ impl Stage for MultipleModel {
     }
 
     fn visit_state(&mut self, visit: &mut dyn FnMut(&mut f64)) {
-        self.wz.visit_state(visit);
-        self.aided.visit_state(visit);
-        visit_fields!(self, visit: turns, since_ground_motion_s, selection, transition; without wz, aided);
+        let Self { aided, wz } = self;
+        wz.stage.visit_state(visit);
+        aided.stage.visit_state(visit);
+        aided.visit_ground_motion(visit);
+        wz.visit_selection(visit);
     }
 
     fn validation_error(&self) -> Option<&'static str> {
-        let time = (self.since_ground_motion_s < 0.0).then_some("a negative time");
-        let parts = self.wz.validation_error().or_else(|| self.aided.validation_error());
-        parts.or_else(|| self.turns.validation_error()).or_else(|| self.transition.validation_error()).or(time)
+        self.wz.validation_error().or_else(|| self.aided.validation_error())
     }
 
     fn common(&self) -> Estimate {
-        let (wz, aided) = (self.wz.common(), self.aided.common());
-        let Selected { level, heading } = self.selection.pick(wz, aided);
-        Estimate {
-            attitude: self.transition.attitude(level.attitude),
-            reference: heading.reference,
-            heading_sd_rad: heading.heading_sd_rad,
-            gyro_scale: wz.gyro_scale,
-            hard_iron: wz.hard_iron,
-            leaky_velocity: self.transition.rotate_velocity(level.leaky_velocity),
-            ..level
-        }
+        self.wz.common(&self.aided.stage.common())
     }
 
     /// Continues both stages from the handed-over state. A heading that refers to true north counts
     /// as ground motion.
     fn adopt(&mut self, common: &Estimate) -> Result<(), RestoreError> {
-        self.wz.adopt(common)?;
+        self.wz.stage.adopt(common)?;
         self.aided.adopt(common)?;
-        self.turns = TurnDetector::default();
-        self.since_ground_motion_s = if common.reference == CourseReference::True { 0.0 } else { GROUND_MOTION_HOLD_S };
-        self.selection = self.select(common.reference, common.reference);
-        self.transition = Transition::default();
+        self.wz.select_again(common.reference, self.aided.has_ground_motion());
         Ok(())
-    }
-}
-
-impl Scalars for ModelSelection {
-    fn visit(&mut self, visit: &mut dyn FnMut(&mut f64)) {
-        for model in [&mut self.level, &mut self.heading] {
-            let mut aided = *model == Model::Aided;
-            aided.visit(visit);
-            *model = if aided { Model::Aided } else { Model::Wz };
-        }
     }
 }
