@@ -1,9 +1,11 @@
 //! Course stage `angles`: the course is H = −ψ plus the declination, with the yaw ψ.
 
 use super::{
-    continuity::{Continuity, gyroscopic_course},
+    continuity::{Continuity, corrected_reference, gyroscopic_course, has_near_gimbal_angles, heading_sd_rad},
+    deferred::{DeferredAngles, DeferredReading},
     input::CourseInput,
-    reading::{CourseReading, LastReading},
+    reading::{CourseEstimate, CourseReading, LastReading},
+    reference::CourseReference,
 };
 use crate::{
     parameters::{parameters_of, settings},
@@ -27,6 +29,33 @@ pub struct AnglesCourse {
     continuity: Continuity,
 }
 
+impl AnglesCourse {
+    /// Processes a tick like [`step`](Stage::step), but without computing the angles and the course.
+    ///
+    /// The state lacks the course of the reading until [`store_course`](Self::store_course).
+    #[inline]
+    pub(super) fn step_deferred(&mut self, input: &CourseInput) -> DeferredReading {
+        let (declination_rad, reference) = corrected_reference(input, self.settings.declination_deg);
+        let aligned = self.is_realigned(reference);
+        let quaternion = self.continuity.next_quaternion(input.attitude);
+        let course_sd_rad = heading_sd_rad(input);
+        let course = CourseEstimate { reference, sd_rad: course_sd_rad, ..self.continuity.course };
+        self.continuity = Continuity { quaternion, course, has_reading: true };
+        let angles = DeferredAngles::new(input.attitude, declination_rad);
+        let near_gimbal = has_near_gimbal_angles(input.attitude);
+        DeferredReading { angles, reference, course_sd_rad, quaternion, near_gimbal, aligned }
+    }
+
+    /// Stores the course of the newest reading.
+    pub(super) fn store_course(&mut self, course_rad: f64) {
+        self.continuity.course.course_rad = course_rad;
+    }
+
+    fn is_realigned(&self, reference: CourseReference) -> bool {
+        self.continuity.has_reading && self.continuity.course.reference != reference
+    }
+}
+
 impl Stage for AnglesCourse {
     type Input = CourseInput;
     type Output = CourseReading;
@@ -41,7 +70,7 @@ impl Stage for AnglesCourse {
     fn step(&mut self, input: &CourseInput) -> CourseReading {
         let angles = input.attitude.angles();
         let course = gyroscopic_course(input, angles.yaw_rad, self.settings.declination_deg);
-        let aligned = self.continuity.has_reading && self.continuity.course.reference != course.reference;
+        let aligned = self.is_realigned(course.reference);
         self.continuity.next_reading(input, angles, course, self.settings.declination_deg, aligned)
     }
 

@@ -7,7 +7,7 @@ use super::{
     reading::{CourseEstimate, CourseReading, LastReading},
     reference::CourseReference,
 };
-use crate::{Quaternion, angles::Angles, scalars::scalars, stage::RestoreError};
+use crate::{Quaternion, angles::Angles, scalars::scalars, stage::RestoreError, state::Attitude};
 
 /// |pitch| above which yaw and roll cannot be separated, rad (89°).
 pub(crate) const GIMBAL_RAD: f64 = 1.553_343_034_274_953_3;
@@ -16,12 +16,43 @@ pub(crate) const GIMBAL_RAD: f64 = 1.553_343_034_274_953_3;
 /// magnetic course to a true one.
 #[inline]
 pub(super) fn gyroscopic_course(input: &CourseInput, yaw_rad: f64, declination_deg: f64) -> CourseEstimate {
-    let (correction_rad, reference) = match input.reference {
+    let (declination_rad, reference) = corrected_reference(input, declination_deg);
+    let course_rad = wrap_course_rad(declination_rad - yaw_rad);
+    CourseEstimate { course_rad, reference, sd_rad: heading_sd_rad(input) }
+}
+
+/// Returns the declination that is added to the heading, rad, and the reference of the course.
+#[inline]
+pub(super) fn corrected_reference(input: &CourseInput, declination_deg: f64) -> (f64, CourseReference) {
+    match input.reference {
         CourseReference::Magnetic if declination_deg != 0.0 => (declination_deg.to_radians(), CourseReference::True),
         reference => (0.0, reference),
-    };
-    let sd_rad = if input.heading_sd_rad >= 0.0 { input.heading_sd_rad.min(PI) } else { PI };
-    CourseEstimate { course_rad: wrap_course_rad(correction_rad - yaw_rad), reference, sd_rad }
+    }
+}
+
+/// Returns the standard deviation of the fuser's heading, rad, at most π.
+#[inline]
+pub(super) fn heading_sd_rad(input: &CourseInput) -> f64 {
+    if input.heading_sd_rad >= 0.0 { input.heading_sd_rad.min(PI) } else { PI }
+}
+
+/// Returns `true` if the angles have a pitch at which yaw and roll cannot be separated.
+#[inline]
+fn is_near_gimbal(angles: Angles) -> bool {
+    libm::fabs(angles.pitch_rad) > GIMBAL_RAD
+}
+
+/// Returns [`is_near_gimbal`] for the angles of an attitude. The angles are computed only if the
+/// pitch is above 88° or not a number.
+#[inline]
+pub(super) fn has_near_gimbal_angles(attitude: Attitude) -> bool {
+    /// sin² 88°, with a margin below sin² 89° that is far above the rounding errors.
+    const SQUARED_SINE: f64 = 0.998_782;
+    let (u, v) = (attitude.up.w.re, attitude.up.w.im);
+    // sin ϑ = ±2 v/(1 + u² + v²)
+    let (doubled, scale) = (2.0 * v, 1.0 + (u * u + v * v));
+    let is_certainly_below = doubled * doubled < SQUARED_SINE * (scale * scale);
+    !is_certainly_below && is_near_gimbal(attitude.angles())
 }
 
 /// Wraps an angle of a few revolutions to [0, 2π).
@@ -36,7 +67,7 @@ pub(super) fn wrap_course_rad(angle_rad: f64) -> f64 {
 /// State kept from the previous reading for the next one.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Continuity {
-    quaternion: Quaternion<f64>,
+    pub(super) quaternion: Quaternion<f64>,
     pub(super) course: CourseEstimate,
     pub(super) has_reading: bool,
 }
@@ -59,8 +90,7 @@ impl Continuity {
         declination_deg: f64,
         aligned: bool,
     ) -> CourseReading {
-        let q = input.attitude.quaternion();
-        let quaternion = if q.dot(&self.quaternion) < 0.0 { -q } else { q };
+        let quaternion = self.next_quaternion(input.attitude);
         let corrected = input.reference == CourseReference::Magnetic && course.reference == CourseReference::True;
         *self = Self { quaternion, course, has_reading: true };
         CourseReading {
@@ -70,9 +100,16 @@ impl Continuity {
             course_sd_rad: course.sd_rad,
             declination_rad: if corrected { declination_deg.to_radians() } else { 0.0 },
             quaternion,
-            near_gimbal: libm::fabs(angles.pitch_rad) > GIMBAL_RAD,
+            near_gimbal: is_near_gimbal(angles),
             aligned,
         }
+    }
+
+    /// Returns the quaternion of an attitude with the sign that continues the previous reading.
+    #[inline]
+    pub(super) fn next_quaternion(&self, attitude: Attitude) -> Quaternion<f64> {
+        let q = attitude.quaternion();
+        if q.dot(&self.quaternion) < 0.0 { -q } else { q }
     }
 
     pub(super) fn last(&self) -> LastReading {

@@ -34,6 +34,7 @@
 
 mod angles;
 mod continuity;
+mod deferred;
 mod input;
 mod reading;
 mod reference;
@@ -42,6 +43,7 @@ mod track;
 
 pub use angles::{AnglesCourse, AnglesSettings};
 pub(crate) use continuity::GIMBAL_RAD;
+pub use deferred::{DeferredAngles, DeferredReading};
 pub use input::CourseInput;
 pub use reading::{CourseEstimate, CourseReading, LastReading};
 pub use reference::CourseReference;
@@ -90,6 +92,29 @@ macro_rules! each {
             Course::Track($stage) => $do,
         }
     };
+}
+
+impl Course {
+    /// Processes a tick like [`step`](Stage::step), but computes the angles only if the stage needs
+    /// them.
+    ///
+    /// After the last tick, the state needs [`store_course`](Self::store_course).
+    #[inline]
+    pub fn step_deferred(&mut self, input: &CourseInput) -> DeferredReading {
+        match self {
+            Self::Angles(stage) => stage.step_deferred(input),
+            Self::Track(stage) => DeferredReading::from_reading(input.attitude, &stage.step(input)),
+        }
+    }
+
+    /// Completes the state with the course of the newest [`DeferredReading`], rad.
+    pub fn store_course(&mut self, course_rad: f64) {
+        match self {
+            Self::Angles(stage) => stage.store_course(course_rad),
+            // The stage has computed the course itself.
+            Self::Track(_) => {}
+        }
+    }
 }
 
 impl Stage for Course {

@@ -98,7 +98,7 @@ scalars!(CourseEstimate: course_rad, reference, sd_rad);
 
 scalars!(LastReading: quaternion, course);
 
-fn quaternion_validation_error(quaternion: Quaternion<f64>) -> Option<&'static str> {
+pub(super) fn quaternion_validation_error(quaternion: Quaternion<f64>) -> Option<&'static str> {
     let unit = libm::fabs(quaternion.norm_squared() - 1.0) <= UNIT_NORM_SQUARED_TOLERANCE;
     (!unit).then_some("a quaternion that is not of unit length")
 }

@@ -7,7 +7,7 @@
 //! Failure: if an attitude is missing, the previous one is used. A stage whose output is invalid is
 //! reset. If the output after the reset is also invalid, the stage has failed.
 
-use super::{CourseInput, CourseReading, CourseReference};
+use super::{Course, CourseInput, CourseReading, CourseReference, DeferredReading};
 use crate::{
     Vector3, gnss::Fix, resetting::ResettingStage, rotation::Rotation, stage::Stage, state::Attitude,
     state_words::StateWords,
@@ -36,9 +36,9 @@ pub struct CourseTick {
 
 /// Output of a [`SupervisedCourse`] at a tick.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct SupervisedReading {
+pub struct SupervisedReading<R = CourseReading> {
     /// Output of the stage.
-    pub reading: CourseReading,
+    pub reading: R,
     /// Set if the stage was reset for this output, because its first output was invalid.
     pub is_reset: bool,
     /// Number of resets of attitude and course.
@@ -75,6 +75,39 @@ impl Default for SupervisedCourseState {
 }
 
 impl SupervisedCourseState {
+    /// Returns the input of the stage, and `true` if the attitude has jumped.
+    #[inline(always)]
+    fn next_input(&mut self, tick: &CourseTick) -> (CourseInput, bool) {
+        let attitude = tick.attitude.unwrap_or(self.attitude);
+        let has_jumped = tick.reset_counter != self.reset_counts[0] || tick.is_swapped;
+        if has_jumped {
+            let rotation_rad = Vector3::from(tick.rate_rad_s) * tick.dt_s;
+            let expected = self.attitude.rotated(Rotation::from_rotation_vector(rotation_rad)).attitude;
+            let jump = Rotation::between(expected, attitude).quaternion();
+            self.jump = [jump.w, jump.i, jump.j, jump.k];
+            self.reset_counts[0] = tick.reset_counter;
+            self.swap_count += u64::from(tick.is_swapped);
+        }
+        self.attitude = attitude;
+        let CourseTick { reference, heading_sd_rad, fix, dt_s, .. } = *tick;
+        (CourseInput { attitude, reference, heading_sd_rad, fix, dt_s }, has_jumped)
+    }
+
+    /// Counts the resets. If the attitude and the course are reset at the same tick, only one reset
+    /// is counted.
+    #[inline(always)]
+    fn supervise<R>(
+        &mut self,
+        reading: R,
+        is_course_aligned: bool,
+        is_reset: bool,
+        has_jumped: bool,
+    ) -> SupervisedReading<R> {
+        self.reset_counts[1] += u64::from(is_course_aligned && !has_jumped);
+        let reset_counter = self.reset_counts.iter().sum::<u64>() + self.swap_count;
+        SupervisedReading { reading, is_reset, reset_counter, jump: self.jump }
+    }
+
     /// Returns the reason why the state is invalid, or `None` if it is valid.
     pub fn validation_error(&self) -> Option<&'static str> {
         let is_finite = self.attitude.quaternion().coords.norm().is_finite() && self.jump.iter().all(|x| x.is_finite());
@@ -108,25 +141,28 @@ impl<S: Stage<Input = CourseInput, Output = CourseReading> + Clone> SupervisedCo
         tick: &CourseTick,
         to_true_north: impl FnOnce(CourseReading) -> CourseReading,
     ) -> Option<SupervisedReading> {
-        let Self { resetting, state } = self;
-        let attitude = tick.attitude.unwrap_or(state.attitude);
-        let has_jumped = tick.reset_counter != state.reset_counts[0] || tick.is_swapped;
-        if has_jumped {
-            let rotation_rad = Vector3::from(tick.rate_rad_s) * tick.dt_s;
-            let expected = state.attitude.rotated(Rotation::from_rotation_vector(rotation_rad)).attitude;
-            let jump = Rotation::between(expected, attitude).quaternion();
-            state.jump = [jump.w, jump.i, jump.j, jump.k];
-            state.reset_counts[0] = tick.reset_counter;
-            state.swap_count += u64::from(tick.is_swapped);
-        }
-        state.attitude = attitude;
-        let CourseTick { reference, heading_sd_rad, fix, dt_s, .. } = *tick;
-        let (reading, is_reset) = resetting.step(&CourseInput { attitude, reference, heading_sd_rad, fix, dt_s })?;
+        let (input, has_jumped) = self.state.next_input(tick);
+        let (reading, is_reset) = self.resetting.step(&input)?;
         let reading = to_true_north(reading);
-        // If the attitude and the course are reset at the same tick, only one reset is counted.
-        state.reset_counts[1] += u64::from(reading.aligned && !has_jumped);
-        let reset_counter = state.reset_counts.iter().sum::<u64>() + state.swap_count;
-        Some(SupervisedReading { reading, is_reset, reset_counter, jump: state.jump })
+        Some(self.state.supervise(reading, reading.aligned, is_reset, has_jumped))
+    }
+}
+
+impl SupervisedCourse<Course> {
+    /// Processes a tick like [`step`](Self::step), but without the angles and the course.
+    ///
+    /// After the last tick, the state needs [`store_course`](Self::store_course). Returns `None`
+    /// once the stage has failed permanently.
+    #[inline(always)]
+    pub fn step_deferred(&mut self, tick: &CourseTick) -> Option<SupervisedReading<DeferredReading>> {
+        let (input, has_jumped) = self.state.next_input(tick);
+        let (reading, is_reset) = self.resetting.step_by(Course::step_deferred, &input)?;
+        Some(self.state.supervise(reading, reading.aligned, is_reset, has_jumped))
+    }
+
+    /// Completes the state with the course of the newest [`DeferredReading`], rad.
+    pub fn store_course(&mut self, course_rad: f64) {
+        self.resetting.stage.store_course(course_rad);
     }
 }
 

@@ -38,6 +38,14 @@ impl FuserInput {
         if self.is_finite() { self } else { storage.insert(self.without_non_finite()) }
     }
 
+    /// Removes the invalid values.
+    #[inline(always)]
+    pub fn sanitize(&mut self) {
+        if !self.is_finite() {
+            *self = self.without_non_finite();
+        }
+    }
+
     #[inline(always)]
     fn is_finite(&self) -> bool {
         self.motion

@@ -66,7 +66,7 @@ use {
     aided::Aided,
     levelling::{Levelling, LevellingPi, LevellingUnified},
     madgwick::Madgwick,
-    multiple_model::MultipleModel,
+    multiple_model::{AidedModel, MultipleModel, WzModel},
     vqf::Vqf,
     wz::Wz,
     wz_closed::WzClosed,
@@ -166,6 +166,11 @@ pub trait FuserStage: Stage<Input = FuserInput, Output = Fused, Common = Estimat
         self.realign();
         Ok(())
     }
+
+    /// Returns the two models of the stage `multiple-model`; `None` for any other stage.
+    fn models(&mut self) -> Option<(&mut AidedModel, &mut WzModel)> {
+        None
+    }
 }
 
 /// Implements [`FuserStage`] by the stage's own method `realign`.
@@ -179,11 +184,25 @@ macro_rules! fuser_stages {
     };
 }
 
-fuser_stages! { MultipleModel Wz WzClosed WzOpen Madgwick Levelling LevellingUnified LevellingPi Aided Vqf }
+fuser_stages! { Wz WzClosed WzOpen Madgwick Levelling LevellingUnified LevellingPi Aided Vqf }
+
+impl FuserStage for MultipleModel {
+    fn realign(&mut self) {
+        Self::realign(self);
+    }
+
+    fn models(&mut self) -> Option<(&mut AidedModel, &mut WzModel)> {
+        Some(Self::models(self))
+    }
+}
 
 impl FuserStage for Fuser {
     fn realign(&mut self) {
         each!(self, stage => stage.realign());
+    }
+
+    fn models(&mut self) -> Option<(&mut AidedModel, &mut WzModel)> {
+        each!(self, stage => FuserStage::models(stage))
     }
 }
 

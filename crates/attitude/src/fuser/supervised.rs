@@ -14,7 +14,10 @@
 //! - A stage whose output is invalid is reset. If the output after the reset is also invalid, the
 //!   stage has failed.
 
-use super::{Fused, FuserInput, FuserStage, innovation_rad};
+use super::{
+    Fused, FuserInput, FuserStage, innovation_rad,
+    multiple_model::{AidedModel, AidedOutput, WzModel},
+};
 use crate::{
     Vector3,
     accel::Inclination,
@@ -23,6 +26,7 @@ use crate::{
     gyro::{MAX_BRIDGED_GAP_S, Motion},
     resetting::{ResettingStage, StageFailure},
     rotation::Rotation,
+    stage::Validate as _,
     state::Attitude,
 };
 
@@ -243,6 +247,18 @@ pub struct SupervisedInput {
     pub is_sensor_stage_reset: bool,
 }
 
+impl SupervisedInput {
+    /// Removes invalid values. Returns `true` if the models of the stage can process the input
+    /// independently of each other.
+    ///
+    /// Otherwise the realignment depends on the fused attitude of the previous tick.
+    #[inline(always)]
+    pub fn sanitize(&mut self) -> bool {
+        self.input.sanitize();
+        self.realignment != Realignment::IfTilted
+    }
+}
+
 /// Decision about the re-initialisation of the level.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum Realignment {
@@ -364,6 +380,27 @@ pub struct StageSupervisor<'a, S> {
 }
 
 impl<S: FuserStage> StageSupervisor<'_, S> {
+    /// Returns the models of the stage `multiple-model`, which can run in different threads.
+    ///
+    /// Returns `None` for any other stage, and once the stage has failed permanently.
+    pub fn models(&mut self) -> Option<(AidedPart<'_>, WzPart<'_>)> {
+        if self.resetting.failure().is_some() {
+            return None;
+        }
+        let OutputSupervisor { is_aligned, reset_counter, attitude } = &mut self.outputs;
+        let outputs = OutputSupervisor { is_aligned, reset_counter, attitude };
+        let (aided, model) = self.resetting.stage.models()?;
+        Some((AidedPart(aided), WzPart { model, outputs }))
+    }
+
+    /// Resets the stage after an invalid output and steps it again. Returns `None` if the stage has
+    /// failed permanently.
+    #[cold]
+    pub fn reset_and_step(&mut self, input: &SupervisedInput) -> Option<SupervisedFused> {
+        let fused = self.resetting.reset_and_step(S::step, &input.input)?;
+        Some(self.outputs.supervise(fused, true, input.is_sensor_stage_reset))
+    }
+
     /// Steps the stage. Returns `None` once the stage has failed permanently.
     #[inline(always)]
     pub fn step(&mut self, input: &SupervisedInput) -> Option<SupervisedFused> {
@@ -384,6 +421,44 @@ impl<S: FuserStage> StageSupervisor<'_, S> {
                 .inclination
                 .is_some_and(|inclination| innovation_rad(&inclination, *self.outputs.attitude) > REALIGN_TILT_RAD),
         }
+    }
+}
+
+/// Model `aided` of a supervised stage `multiple-model`.
+#[derive(Debug)]
+pub struct AidedPart<'a>(&'a mut AidedModel);
+
+impl AidedPart<'_> {
+    /// Processes a tick. The input must be [sanitized](SupervisedInput::sanitize).
+    #[inline]
+    pub fn step(&mut self, input: &SupervisedInput) -> AidedOutput {
+        if input.realignment == Realignment::Yes {
+            self.0.realign();
+        }
+        self.0.step(&input.input)
+    }
+}
+
+/// Model `wz` of a supervised stage `multiple-model`, with the supervision of the outputs.
+#[derive(Debug)]
+pub struct WzPart<'a> {
+    model: &'a mut WzModel,
+    outputs: OutputSupervisor<'a>,
+}
+
+impl WzPart<'_> {
+    /// Processes a tick for which `aided` has been computed.
+    ///
+    /// Returns `None` if the output is invalid. The tick must then be repeated with
+    /// [`StageSupervisor::reset_and_step`].
+    #[inline]
+    pub fn step(&mut self, input: &SupervisedInput, aided: &AidedOutput) -> Option<SupervisedFused> {
+        if input.realignment == Realignment::Yes {
+            self.model.realign();
+        }
+        let fused = self.model.step(&input.input, aided);
+        let is_valid = fused.validation_error().is_none();
+        is_valid.then(|| self.outputs.supervise(fused, false, input.is_sensor_stage_reset))
     }
 }
 
