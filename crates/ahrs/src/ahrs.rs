@@ -4,20 +4,16 @@ use core::fmt;
 
 use attitude::{
     accel::Accelerometer,
-    conditioner::{Conditioner, Reading, Sample},
-    course::{
-        Course, CourseReading, SupervisedCourse,
-        supervised::{CourseTick, SupervisedReading},
-    },
-    flags::Flags,
-    fuser::{Estimate, FuserStage, SupervisedFuser, multiple_model::MultipleModel, supervised::SensorTick},
+    conditioner::Conditioner,
+    course::{Course, SupervisedCourse},
+    fuser::{Estimate, FuserStage, SupervisedFuser, multiple_model::MultipleModel},
     gnss::{Fix, ReceiverFix},
-    gyro::{Gyro, Motion, SupervisedGyro, supervised::GyroTick},
+    gyro::{Gyro, SupervisedGyro},
     resetting::{ResettingStage, StageFailure},
     stage::RestoreError,
 };
 
-use crate::Attitude;
+use crate::{Attitude, parts::next_ns};
 
 /// Velocity over ground from a satellite receiver.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
@@ -73,9 +69,7 @@ impl<F: FuserStage> Ahrs<F> {
         field_ut: Option<[f64; 3]>,
         dt_s: f64,
     ) -> Attitude {
-        // The conversion saturates, and NaN becomes 0.
-        let t_ns = self.t_ns.saturating_add(libm::round(dt_s * 1e9) as i64);
-        self.update_at(gyro_rad_s, accel_m_s2, field_ut, t_ns)
+        self.update_at(gyro_rad_s, accel_m_s2, field_ut, next_ns(self.t_ns, dt_s))
     }
 
     /// Processes a timestamped sample of all sensors and returns the new attitude.
@@ -89,18 +83,7 @@ impl<F: FuserStage> Ahrs<F> {
         field_ut: Option<[f64; 3]>,
         t_ns: i64,
     ) -> Attitude {
-        self.t_ns = t_ns;
-        let pending_ut = self.pending_field_ut.take();
-        let reading = Reading {
-            t_ns,
-            rate_rad_s: gyro_rad_s,
-            force_m_s2: accel_m_s2,
-            field_ut: field_ut.or(pending_ut),
-            fix: self.pending_fix.take(),
-        };
-        if let Some(attitude) =
-            self.conditioner.condition(&reading.without_negative_zero()).and_then(|sample| self.process(&sample))
-        {
+        if let Some(attitude) = self.process(gyro_rad_s, accel_m_s2, field_ut, t_ns) {
             self.attitude = attitude;
         }
         self.attitude
@@ -178,42 +161,6 @@ impl<F: FuserStage> Ahrs<F> {
     /// Returns an error if `prior` is invalid. The filter is then unchanged.
     pub fn seed_sensor_errors(&mut self, prior: &Estimate) -> Result<(), RestoreError> {
         self.fuser.stage_mut().seed_sensor_errors(prior)
-    }
-
-    /// Passes a sample through the slots. Returns `None` once a stage has failed.
-    fn process(&mut self, sample: &Sample) -> Option<Attitude> {
-        let Sample { tick, t_start_ns, t_end_ns, flags, rate_rad_s, force_m_s2, field_ut, fix } = *sample;
-        let (inclination, is_accel_reset) = self.accel.step(&force_m_s2.into())?;
-        let (motion, is_gyro_reset) =
-            self.gyro.step(&GyroTick { t_start_ns, t_end_ns, flags, rate_rad_s, force_m_s2 })?;
-        let mut flags = flags | inclination.flags() | Flags::RESET.when(is_accel_reset || is_gyro_reset);
-        let dt_s = (t_end_ns - t_start_ns) as f64 * 1e-9;
-        let fix = fix.map(|received| received.fix);
-        let fused = self.fuser.step(&SensorTick {
-            motion: Some(Motion { dt_s, ..motion }),
-            force_m_s2: Some(force_m_s2.into()),
-            inclination: Some(inclination),
-            field_ut: field_ut.map(Into::into),
-            fix,
-            ..SensorTick::from_flags(t_start_ns, t_end_ns, flags)
-        })?;
-        flags |= fused.flags();
-        let reset_counter = fused.reset_counter;
-        let fused = fused.fused;
-        let course_tick = CourseTick {
-            attitude: Some(fused.attitude),
-            rate_rad_s: fused.rate_rad_s.into(),
-            reference: fused.reference,
-            heading_sd_rad: fused.heading_sd_rad,
-            reset_counter,
-            is_swapped: false,
-            fix,
-            dt_s,
-        };
-        let SupervisedReading { reading, is_reset, reset_counter, jump } =
-            self.course.step(&course_tick, core::convert::identity::<CourseReading>)?;
-        flags |= reading.flags() | Flags::RESET.when(is_reset);
-        Some(Attitude { tick, t_ns: t_end_ns, flags, fused, reading, reset_counter, jump })
     }
 }
 

@@ -60,6 +60,7 @@
 mod ahrs;
 mod attitude_output;
 mod builder;
+pub mod parts;
 mod snapshot;
 
 pub use attitude;

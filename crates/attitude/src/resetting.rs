@@ -33,23 +33,13 @@ impl<S: Stage<Output: Validate> + Clone> ResettingStage<S> {
     /// Returns `None` once the stage has failed permanently.
     #[inline(always)]
     pub fn step(&mut self, input: &S::Input) -> Option<(S::Output, bool)> {
-        self.step_by(S::step, input)
-    }
-
-    /// Steps the stage by `step`, whose output is valid or invalid like that of [`Stage::step`].
-    #[inline(always)]
-    pub(crate) fn step_by<O: Validate>(
-        &mut self,
-        step: impl Fn(&mut S, &S::Input) -> O,
-        input: &S::Input,
-    ) -> Option<(O, bool)> {
         if self.output_error.is_some() {
             return None;
         }
-        let mut output = step(&mut self.stage, input);
+        let mut output = self.stage.step(input);
         let is_reset = output.validation_error().is_some();
         if is_reset {
-            output = self.reset_and_step(step, input)?;
+            output = self.reset_and_step(input)?;
         }
         Some((output, is_reset))
     }
@@ -57,15 +47,17 @@ impl<S: Stage<Output: Validate> + Clone> ResettingStage<S> {
     /// Resets the stage and steps it. Returns `None` if the output is still invalid: the stage has
     /// then failed permanently.
     #[cold]
-    pub(crate) fn reset_and_step<O: Validate>(
-        &mut self,
-        step: impl Fn(&mut S, &S::Input) -> O,
-        input: &S::Input,
-    ) -> Option<O> {
+    pub(crate) fn reset_and_step(&mut self, input: &S::Input) -> Option<S::Output> {
         let restored = self.stage.restore(&self.initial);
-        let output = step(&mut self.stage, input);
+        let output = self.stage.step(input);
         self.output_error = restored.err().map(|_| "an error").or(output.validation_error());
         self.output_error.is_none().then_some(output)
+    }
+
+    /// Returns `true` if the output was invalid even after a reset.
+    #[inline]
+    pub(crate) fn has_failed(&self) -> bool {
+        self.output_error.is_some()
     }
 
     /// Returns the cause if the stage has failed permanently, else `None`.

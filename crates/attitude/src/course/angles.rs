@@ -41,9 +41,9 @@ impl AnglesCourse {
         let course_sd_rad = heading_sd_rad(input);
         let course = CourseEstimate { reference, sd_rad: course_sd_rad, ..self.continuity.course };
         self.continuity = Continuity { quaternion, course, has_reading: true };
-        let angles = DeferredAngles::new(input.attitude, declination_rad);
+        let angles = DeferredAngles::from_yaw(input.attitude, declination_rad);
         let near_gimbal = has_near_gimbal_angles(input.attitude);
-        DeferredReading { angles, reference, course_sd_rad, quaternion, near_gimbal, aligned }
+        DeferredReading { angles, reference, course_sd_rad, declination_rad, quaternion, near_gimbal, aligned }
     }
 
     /// Stores the course of the newest reading.

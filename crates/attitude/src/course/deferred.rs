@@ -17,26 +17,39 @@ use crate::{Quaternion, angles::Angles, flags::Flags, scalars::are_finite, stage
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct DeferredAngles {
     attitude: Attitude,
-    declination_rad: f64,
-    /// Course, rad; `None` if it follows from the yaw.
-    course_rad: Option<f64>,
+    course: DeferredCourse,
+}
+
+/// Source of the course.
+#[derive(Debug, Clone, Copy, PartialEq)]
+enum DeferredCourse {
+    /// The course is the declination (rad) minus the yaw.
+    Yaw { declination_rad: f64 },
+    /// The stage has determined the course, rad.
+    Known { course_rad: f64 },
 }
 
 impl DeferredAngles {
-    pub(super) fn new(attitude: Attitude, declination_rad: f64) -> Self {
-        Self { attitude, declination_rad, course_rad: None }
-    }
-
-    /// Creates the angles of an attitude whose reading is known.
-    pub fn from_reading(attitude: Attitude, reading: &CourseReading) -> Self {
-        let CourseReading { declination_rad, course_rad, .. } = *reading;
-        Self { attitude, declination_rad, course_rad: Some(course_rad) }
+    pub(super) fn from_yaw(attitude: Attitude, declination_rad: f64) -> Self {
+        Self { attitude, course: DeferredCourse::Yaw { declination_rad } }
     }
 
     /// Computes yaw, pitch and roll in the fuser's frame, and the course, rad, [0, 2π).
     pub fn compute(&self) -> (Angles, f64) {
         let angles = self.attitude.angles();
-        (angles, self.course_rad.unwrap_or_else(|| wrap_course_rad(self.declination_rad - angles.yaw_rad)))
+        let course_rad = match self.course {
+            DeferredCourse::Yaw { declination_rad } => wrap_course_rad(declination_rad - angles.yaw_rad),
+            DeferredCourse::Known { course_rad } => course_rad,
+        };
+        (angles, course_rad)
+    }
+
+    /// A finite attitude has finite angles.
+    #[inline]
+    fn is_finite(&self) -> bool {
+        let (w, z_rad) = (self.attitude.up.w, self.attitude.z_rad);
+        let (DeferredCourse::Yaw { declination_rad: course_rad } | DeferredCourse::Known { course_rad }) = self.course;
+        are_finite([w.re, w.im, z_rad, course_rad])
     }
 }
 
@@ -49,6 +62,8 @@ pub struct DeferredReading {
     pub reference: CourseReference,
     /// Standard deviation of the course, rad; π if the course is unknown.
     pub course_sd_rad: f64,
+    /// Declination that was added to a magnetic heading, rad, east positive; 0 if none was added.
+    pub declination_rad: f64,
     /// Quaternion from body axes to the fuser's reference frame.
     pub quaternion: Quaternion<f64>,
     /// Set if yaw and roll cannot be separated because the nose is near the vertical.
@@ -60,26 +75,17 @@ pub struct DeferredReading {
 impl DeferredReading {
     /// Creates the reading from a complete one. Its angles are those of `attitude`.
     pub fn from_reading(attitude: Attitude, reading: &CourseReading) -> Self {
-        let CourseReading { reference, course_sd_rad, quaternion, near_gimbal, aligned, .. } = *reading;
-        let angles = DeferredAngles::from_reading(attitude, reading);
-        Self { angles, reference, course_sd_rad, quaternion, near_gimbal, aligned }
+        let CourseReading { reference, course_rad, course_sd_rad, declination_rad, quaternion, near_gimbal, aligned, .. } =
+            *reading;
+        let angles = DeferredAngles { attitude, course: DeferredCourse::Known { course_rad } };
+        Self { angles, reference, course_sd_rad, declination_rad, quaternion, near_gimbal, aligned }
     }
 
     /// Computes the angles and the course.
     pub fn complete(&self) -> CourseReading {
-        let Self { angles: deferred, reference, course_sd_rad, quaternion, near_gimbal, aligned } = *self;
-        let (angles, course_rad) = deferred.compute();
-        let declination_rad = deferred.declination_rad;
-        CourseReading {
-            angles,
-            course_rad,
-            reference,
-            course_sd_rad,
-            declination_rad,
-            quaternion,
-            near_gimbal,
-            aligned,
-        }
+        let Self { angles, reference, course_sd_rad, declination_rad, quaternion, near_gimbal, aligned } = *self;
+        let (angles, course_rad) = angles.compute();
+        CourseReading { angles, course_rad, reference, course_sd_rad, declination_rad, quaternion, near_gimbal, aligned }
     }
 
     /// Returns the flags of the reading.
@@ -90,12 +96,9 @@ impl DeferredReading {
 }
 
 impl Validate for DeferredReading {
-    /// The angles are finite and the course is in its range if the attitude is finite.
     #[inline]
     fn validation_error(&self) -> Option<&'static str> {
-        let DeferredAngles { attitude, declination_rad, course_rad } = self.angles;
-        let (w, z_rad, course_rad) = (attitude.up.w, attitude.z_rad, course_rad.unwrap_or(0.0));
-        let finite = are_finite([w.re, w.im, z_rad, course_rad, declination_rad, self.course_sd_rad]);
+        let finite = self.angles.is_finite() && are_finite([self.course_sd_rad, self.declination_rad]);
         quaternion_validation_error(self.quaternion)
             .or((!finite).then_some("a number that is not finite"))
             .or((self.course_sd_rad < 0.0).then_some("a negative standard deviation"))

@@ -9,7 +9,7 @@
 
 use super::{Course, CourseInput, CourseReading, CourseReference, DeferredReading};
 use crate::{
-    Vector3, gnss::Fix, resetting::ResettingStage, rotation::Rotation, stage::Stage, state::Attitude,
+    Vector3, gnss::Fix, resetting::ResettingStage, rotation::Rotation, stage::{Stage, Validate as _}, state::Attitude,
     state_words::StateWords,
 };
 
@@ -156,8 +156,23 @@ impl SupervisedCourse<Course> {
     #[inline(always)]
     pub fn step_deferred(&mut self, tick: &CourseTick) -> Option<SupervisedReading<DeferredReading>> {
         let (input, has_jumped) = self.state.next_input(tick);
-        let (reading, is_reset) = self.resetting.step_by(Course::step_deferred, &input)?;
+        let mut reading = None;
+        if !self.resetting.has_failed() {
+            reading = Some(self.resetting.stage.step_deferred(&input));
+        }
+        let (reading, is_reset) = match reading.filter(|reading| reading.validation_error().is_none()) {
+            Some(reading) => (reading, false),
+            None => self.repeat_step(&input)?,
+        };
         Some(self.state.supervise(reading, reading.aligned, is_reset, has_jumped))
+    }
+
+    /// Repeats a step with an invalid reading. The complete reading is invalid, too, so the stage is
+    /// reset.
+    #[cold]
+    fn repeat_step(&mut self, input: &CourseInput) -> Option<(DeferredReading, bool)> {
+        let (reading, is_reset) = self.resetting.step(input)?;
+        Some((DeferredReading::from_reading(input.attitude, &reading), is_reset))
     }
 
     /// Completes the state with the course of the newest [`DeferredReading`], rad.

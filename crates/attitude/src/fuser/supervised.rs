@@ -248,13 +248,11 @@ pub struct SupervisedInput {
 }
 
 impl SupervisedInput {
-    /// Removes invalid values. Returns `true` if the models of the stage can process the input
-    /// independently of each other.
+    /// Returns `true` if the models of a stage can process the input independently of each other.
     ///
     /// Otherwise the realignment depends on the fused attitude of the previous tick.
-    #[inline(always)]
-    pub fn sanitize(&mut self) -> bool {
-        self.input.sanitize();
+    #[inline]
+    pub fn is_independent(&self) -> bool {
         self.realignment != Realignment::IfTilted
     }
 }
@@ -384,7 +382,7 @@ impl<S: FuserStage> StageSupervisor<'_, S> {
     ///
     /// Returns `None` for any other stage, and once the stage has failed permanently.
     pub fn models(&mut self) -> Option<(AidedPart<'_>, WzPart<'_>)> {
-        if self.resetting.failure().is_some() {
+        if self.resetting.has_failed() {
             return None;
         }
         let OutputSupervisor { is_aligned, reset_counter, attitude } = &mut self.outputs;
@@ -397,7 +395,7 @@ impl<S: FuserStage> StageSupervisor<'_, S> {
     /// failed permanently.
     #[cold]
     pub fn reset_and_step(&mut self, input: &SupervisedInput) -> Option<SupervisedFused> {
-        let fused = self.resetting.reset_and_step(S::step, &input.input)?;
+        let fused = self.resetting.reset_and_step(&input.input)?;
         Some(self.outputs.supervise(fused, true, input.is_sensor_stage_reset))
     }
 
@@ -429,7 +427,8 @@ impl<S: FuserStage> StageSupervisor<'_, S> {
 pub struct AidedPart<'a>(&'a mut AidedModel);
 
 impl AidedPart<'_> {
-    /// Processes a tick. The input must be [sanitized](SupervisedInput::sanitize).
+    /// Processes a tick. The input must be [sanitized](FuserInput::sanitize) and
+    /// [independent](SupervisedInput::is_independent).
     #[inline]
     pub fn step(&mut self, input: &SupervisedInput) -> AidedOutput {
         if input.realignment == Realignment::Yes {

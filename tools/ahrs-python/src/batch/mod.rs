@@ -7,15 +7,23 @@
 //!
 //! Failure: if an array has the wrong shape, the call fails before the first sample is processed.
 
+mod pipeline;
+mod rows;
+
 use numpy::{
     AllowTypeChange, IntoPyArray as _, PyArray1, PyArray2, PyArrayLikeDyn, PyArrayMethods as _,
     PyUntypedArrayMethods as _, TypeMustMatch,
     ndarray::{ArrayView1, ArrayView2, Ix1, Ix2},
 };
-use plumbline_ahrs::{Frame, attitude::fuser::Fuser};
-use pyo3::{exceptions::PyTypeError, prelude::*};
+use plumbline_ahrs::{
+    Frame,
+    attitude::{course::DeferredAngles, fuser::Fuser},
+    parts::{CheckedSample, SampleTime, Sensors},
+};
+use pyo3::{exceptions::PyTypeError, prelude::*, sync::PyOnceLock};
 
 use crate::error::value_error;
+use rows::Rows;
 
 /// Numbers from the caller: an array, or a sequence that numpy converts to an array.
 pub(crate) type Numbers<'py> = PyArrayLikeDyn<'py, f64, AllowTypeChange>;
@@ -26,39 +34,116 @@ pub(crate) type Stamps<'py> = PyArrayLikeDyn<'py, i64, TypeMustMatch>;
 /// Attitudes after each sample of a batch, one row per sample.
 ///
 /// The row of a rejected sample equals the row before it, including `tick`.
-#[pyclass(frozen, get_all, module = "plumbline_ahrs")]
+#[pyclass(frozen, module = "plumbline_ahrs")]
 pub(crate) struct Batch {
     /// Unit quaternions from body to reference axes of the frame, w x y z, shape (n, 4).
+    #[pyo3(get)]
     quaternion: Py<PyArray2<f64>>,
-    /// Yaw, pitch and roll by the conventions of the frame, rad, shape (n, 3).
-    angles_rad: Py<PyArray2<f64>>,
-    /// Headings, rad, clockwise from above, [0, 2π), shape (n,).
-    heading_rad: Py<PyArray1<f64>>,
+    frame: Frame,
+    /// Values from which the angles and the headings are computed.
+    deferred: Vec<DeferredAngles>,
+    angles: PyOnceLock<Angles>,
     /// Standard deviations of the heading, rad, shape (n,); π if the heading is unknown.
+    #[pyo3(get)]
     heading_sd_rad: Py<PyArray1<f64>>,
     /// Standard deviations of the inclination, rad, shape (n,).
+    #[pyo3(get)]
     inclination_sd_rad: Py<PyArray1<f64>>,
     /// Body rates in the body axes of the frame with the bias removed, rad/s, shape (n, 3).
+    #[pyo3(get)]
     rate_rad_s: Py<PyArray2<f64>>,
     /// Gyro biases in the body axes of the frame, rad/s, shape (n, 3).
+    #[pyo3(get)]
     gyro_bias_rad_s: Py<PyArray2<f64>>,
     /// Bits of `Flags`, uint64, shape (n,).
+    #[pyo3(get)]
     flags: Py<PyArray1<u64>>,
     /// Number of samples accepted before each sample, uint64, shape (n,).
+    #[pyo3(get)]
     tick: Py<PyArray1<u64>>,
     /// Number of jumps of the attitude or the heading so far, uint64, shape (n,).
+    #[pyo3(get)]
     reset_counter: Py<PyArray1<u64>>,
+}
+
+/// Angles and headings of a batch.
+struct Angles {
+    angles_rad: Py<PyArray2<f64>>,
+    heading_rad: Py<PyArray1<f64>>,
 }
 
 #[pymethods]
 impl Batch {
-    fn __len__(&self, py: Python<'_>) -> usize {
-        self.tick.bind(py).len()
+    /// Yaw, pitch and roll by the conventions of the frame, rad, shape (n, 3). Computed on the first
+    /// access.
+    #[getter]
+    fn angles_rad(&self, py: Python<'_>) -> PyResult<Py<PyArray2<f64>>> {
+        Ok(self.angles(py)?.angles_rad.clone_ref(py))
     }
 
-    fn __repr__(&self, py: Python<'_>) -> String {
-        format!("Batch of {} attitudes", self.__len__(py))
+    /// Headings, rad, clockwise from above, [0, 2π), shape (n,). Computed on the first access.
+    #[getter]
+    fn heading_rad(&self, py: Python<'_>) -> PyResult<Py<PyArray1<f64>>> {
+        Ok(self.angles(py)?.heading_rad.clone_ref(py))
     }
+
+    fn __len__(&self) -> usize {
+        self.deferred.len()
+    }
+
+    fn __repr__(&self) -> String {
+        format!("Batch of {} attitudes", self.__len__())
+    }
+}
+
+impl Batch {
+    /// Moves the memory of the rows into numpy arrays.
+    fn new(py: Python<'_>, rows: Rows) -> PyResult<Self> {
+        let Rows {
+            frame,
+            quaternion,
+            angles,
+            heading_sd_rad,
+            inclination_sd_rad,
+            rate_rad_s,
+            gyro_bias_rad_s,
+            flags,
+            tick,
+            reset_counter,
+        } = rows;
+        Ok(Self {
+            quaternion: table(py, quaternion)?,
+            frame,
+            deferred: angles,
+            angles: PyOnceLock::new(),
+            heading_sd_rad: heading_sd_rad.into_pyarray(py).unbind(),
+            inclination_sd_rad: inclination_sd_rad.into_pyarray(py).unbind(),
+            rate_rad_s: table(py, rate_rad_s)?,
+            gyro_bias_rad_s: table(py, gyro_bias_rad_s)?,
+            flags: flags.into_pyarray(py).unbind(),
+            tick: tick.into_pyarray(py).unbind(),
+            reset_counter: reset_counter.into_pyarray(py).unbind(),
+        })
+    }
+
+    /// Returns the angles and the headings. The first call computes them, without the GIL.
+    fn angles(&self, py: Python<'_>) -> PyResult<&Angles> {
+        self.angles.get_or_try_init(py, || {
+            let compute = |deferred: &DeferredAngles| {
+                let (angles, heading_rad) = deferred.compute();
+                let angles = self.frame.angles(angles);
+                ([angles.yaw_rad, angles.pitch_rad, angles.roll_rad], heading_rad)
+            };
+            let (angles_rad, heading_rad): (Vec<_>, Vec<_>) = py.detach(|| self.deferred.iter().map(compute).unzip());
+            Ok(Angles { angles_rad: table(py, angles_rad)?, heading_rad: heading_rad.into_pyarray(py).unbind() })
+        })
+    }
+}
+
+/// Moves the memory of vectors into a numpy array of the shape (n, `COLUMNS`).
+fn table<const COLUMNS: usize>(py: Python<'_>, rows: Vec<[f64; COLUMNS]>) -> PyResult<Py<PyArray2<f64>>> {
+    let len = rows.len();
+    Ok(rows.into_flattened().into_pyarray(py).reshape([len, COLUMNS])?.unbind())
 }
 
 /// Times of the samples.
@@ -69,71 +154,6 @@ enum Times<'a> {
     Intervals(ArrayView1<'a, f64>),
     /// Timestamps, ns.
     Stamps(ArrayView1<'a, i64>),
-}
-
-/// Values of the attitudes, row by row.
-struct Rows {
-    quaternion: Vec<f64>,
-    angles_rad: Vec<f64>,
-    heading_rad: Vec<f64>,
-    heading_sd_rad: Vec<f64>,
-    inclination_sd_rad: Vec<f64>,
-    rate_rad_s: Vec<f64>,
-    gyro_bias_rad_s: Vec<f64>,
-    flags: Vec<u64>,
-    tick: Vec<u64>,
-    reset_counter: Vec<u64>,
-}
-
-impl Rows {
-    fn with_capacity(len: usize) -> Self {
-        Self {
-            quaternion: Vec::with_capacity(4 * len),
-            angles_rad: Vec::with_capacity(3 * len),
-            heading_rad: Vec::with_capacity(len),
-            heading_sd_rad: Vec::with_capacity(len),
-            inclination_sd_rad: Vec::with_capacity(len),
-            rate_rad_s: Vec::with_capacity(3 * len),
-            gyro_bias_rad_s: Vec::with_capacity(3 * len),
-            flags: Vec::with_capacity(len),
-            tick: Vec::with_capacity(len),
-            reset_counter: Vec::with_capacity(len),
-        }
-    }
-
-    fn push(&mut self, attitude: &plumbline_ahrs::Attitude, frame: Frame) {
-        let angles = attitude.angles_in(frame);
-        self.quaternion.extend_from_slice(&attitude.quaternion_in(frame));
-        self.angles_rad.extend_from_slice(&[angles.yaw_rad, angles.pitch_rad, angles.roll_rad]);
-        self.heading_rad.push(attitude.heading_rad());
-        self.heading_sd_rad.push(attitude.heading_sd_rad());
-        self.inclination_sd_rad.push(attitude.inclination_sd_rad());
-        self.rate_rad_s.extend_from_slice(&attitude.rate_rad_s_in(frame));
-        self.gyro_bias_rad_s.extend_from_slice(&attitude.gyro_bias_rad_s_in(frame));
-        self.flags.push(attitude.flags().0);
-        self.tick.push(attitude.tick());
-        self.reset_counter.push(attitude.reset_counter());
-    }
-
-    /// Moves the memory of the rows into numpy arrays.
-    fn into_batch(self, py: Python<'_>) -> PyResult<Batch> {
-        let len = self.tick.len();
-        let table = |values: Vec<f64>, columns: usize| -> PyResult<Py<PyArray2<f64>>> {
-            Ok(values.into_pyarray(py).reshape([len, columns])?.unbind())
-        };
-        Ok(Batch {
-            quaternion: table(self.quaternion, 4)?,
-            angles_rad: table(self.angles_rad, 3)?,
-            heading_rad: self.heading_rad.into_pyarray(py).unbind(),
-            heading_sd_rad: self.heading_sd_rad.into_pyarray(py).unbind(),
-            inclination_sd_rad: self.inclination_sd_rad.into_pyarray(py).unbind(),
-            rate_rad_s: table(self.rate_rad_s, 3)?,
-            gyro_bias_rad_s: table(self.gyro_bias_rad_s, 3)?,
-            flags: self.flags.into_pyarray(py).unbind(),
-            tick: self.tick.into_pyarray(py).unbind(),
-            reset_counter: self.reset_counter.into_pyarray(py).unbind(),
-        })
-    }
 }
 
 /// Samples of a batch.
@@ -173,21 +193,40 @@ pub(crate) fn update(
         (Some(_), Some(_)) => return Err(PyTypeError::new_err("dt_s and t_ns exclude each other; omit one of them")),
         (None, None) => return Err(PyTypeError::new_err("the times of the samples are missing; pass dt_s or t_ns")),
     };
+    let source = Arrays { rates, forces, fields, times };
     let rows = py.detach(|| {
-        let mut rows = Rows::with_capacity(len);
-        for i in 0..len {
-            let [rate, force] = [&rates, &forces].map(|values| row(values, i));
-            let field = fields.as_ref().map(|values| row(values, i)).filter(|field| !field.iter().all(|x| x.is_nan()));
-            let attitude = match &times {
-                Times::Interval(dt_s) => ahrs.update(rate, force, field, *dt_s),
-                Times::Intervals(dt_s) => ahrs.update(rate, force, field, dt_s[i]),
-                Times::Stamps(t_ns) => ahrs.update_at(rate, force, field, t_ns[i]),
-            };
-            rows.push(&attitude, frame);
-        }
+        let mut rows = Rows::with_capacity(len, frame);
+        pipeline::run(ahrs, &source, &mut rows);
         rows
     });
-    rows.into_batch(py)
+    Batch::new(py, rows)
+}
+
+/// Views of the arrays of a batch.
+struct Arrays<'a> {
+    rates: ArrayView2<'a, f64>,
+    forces: ArrayView2<'a, f64>,
+    fields: Option<ArrayView2<'a, f64>>,
+    times: Times<'a>,
+}
+
+impl pipeline::Source for Arrays<'_> {
+    fn len(&self) -> usize {
+        self.rates.nrows()
+    }
+
+    #[inline]
+    fn check(&self, index: usize, sensors: &mut Sensors<'_>, sample: &mut CheckedSample) {
+        let [rate, force] = [&self.rates, &self.forces].map(|values| row(values, index));
+        let field = self.fields.as_ref().map(|values| row(values, index));
+        let field = field.filter(|field| !field.iter().all(|x| x.is_nan()));
+        let time = match &self.times {
+            Times::Interval(dt_s) => SampleTime::Interval { dt_s: *dt_s },
+            Times::Intervals(dt_s) => SampleTime::Interval { dt_s: dt_s[index] },
+            Times::Stamps(t_ns) => SampleTime::Stamp { t_ns: t_ns[index] },
+        };
+        sensors.process(rate, force, field, time, sample);
+    }
 }
 
 fn row(values: &ArrayView2<'_, f64>, i: usize) -> [f64; 3] {
