@@ -192,7 +192,8 @@ impl Sensors<'_> {
             rate_rad_s: gyro_rad_s,
             force_m_s2: accel_m_s2,
             field_ut: field_ut.or(pending_ut),
-            fix: self.pending_fix.take(),
+            // Most samples have no fix, and a fix is large.
+            fix: if self.pending_fix.is_some() { self.pending_fix.take() } else { None },
         };
         let Sample { tick, t_start_ns, t_end_ns, flags, rate_rad_s, force_m_s2, field_ut, fix } =
             self.conditioner.condition(&reading.without_negative_zero())?;
@@ -275,10 +276,13 @@ impl<F: FuserStage> Fusion<'_, F> {
 pub struct Aided<'a>(AidedPart<'a>);
 
 impl Aided<'_> {
-    /// Processes an [independent](CheckedSample::is_independent) sample.
+    /// Processes an [independent](CheckedSample::is_independent) sample and replaces `output` by the
+    /// result.
     #[inline]
-    pub fn process(&mut self, sample: &CheckedSample) -> AidedOutput {
-        if sample.is_accepted { self.0.step(&sample.fuser) } else { AidedOutput::default() }
+    pub fn process(&mut self, sample: &CheckedSample, output: &mut AidedOutput) {
+        if sample.is_accepted {
+            self.0.step(&sample.fuser, output);
+        }
     }
 }
 

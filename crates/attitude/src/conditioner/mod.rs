@@ -195,7 +195,7 @@ impl Conditioner {
     }
 
     /// Returns the sample of a reading, or `None` if the reading is rejected.
-    #[inline]
+    #[inline(always)]
     pub fn condition(&mut self, reading: &Reading) -> Option<Sample> {
         if reading.fix.is_some() {
             self.pending_fix = reading.fix;
@@ -214,7 +214,7 @@ impl Conditioner {
         let force_m_s2 = accel.in_body_axes(force_m_s2);
         let (field_ut, field_flags) = self.field.check(reading.field_ut, mag);
         let field_ut = field_ut.map(|field_ut| mag.in_body_axes(field_ut));
-        let (fix, fix_flags) = check_fix(self.pending_fix.take());
+        let (fix, fix_flags) = if self.pending_fix.is_some() { self.take_fix() } else { (None, Flags::NONE) };
         let rejected = Flags::REFUSED_BEFORE.when(core::mem::take(&mut self.rejected_before));
         let value_flags = rate_flags | force_flags | field_flags | fix_flags;
         let flags = time_flags | value_flags | rejected | self.rate_kind_flag;
@@ -223,6 +223,12 @@ impl Conditioner {
         let Reading { t_ns, .. } = *reading;
         self.last = Some(LastSample { t_end_ns, t_ns, rate_rad_s: reading.rate_rad_s, force_m_s2: reading.force_m_s2 });
         Some(Sample { tick, t_start_ns, t_end_ns, flags, rate_rad_s, force_m_s2, field_ut, fix })
+    }
+
+    /// Returns the pending fix without implausible values.
+    #[cold]
+    fn take_fix(&mut self) -> (Option<ReceiverFix>, Flags) {
+        check_fix(self.pending_fix.take())
     }
 
     /// Resumes at `tick` with the [`offset_ns`](Self::offset_ns) of an earlier conditioner. The
@@ -253,7 +259,7 @@ impl Conditioner {
 
     /// Returns the start, the end and the time flags of a reading's interval, or `None` if the
     /// reading is rejected.
-    #[inline]
+    #[inline(always)]
     fn assign_interval(&mut self, reading: &Reading) -> Option<(i64, i64, Flags)> {
         let Some(last) = self.last else {
             if self.is_resumed {

@@ -33,7 +33,7 @@ impl AnglesCourse {
     /// Processes a tick like [`step`](Stage::step), but without computing the angles and the course.
     ///
     /// The state lacks the course of the reading until [`store_course`](Self::store_course).
-    #[inline]
+    #[inline(always)]
     pub(super) fn step_deferred(&mut self, input: &CourseInput) -> DeferredReading {
         let (declination_rad, reference) = corrected_reference(input, self.settings.declination_deg);
         let aligned = self.is_realigned(reference);

@@ -75,8 +75,16 @@ pub struct DeferredReading {
 impl DeferredReading {
     /// Creates the reading from a complete one. Its angles are those of `attitude`.
     pub fn from_reading(attitude: Attitude, reading: &CourseReading) -> Self {
-        let CourseReading { reference, course_rad, course_sd_rad, declination_rad, quaternion, near_gimbal, aligned, .. } =
-            *reading;
+        let CourseReading {
+            reference,
+            course_rad,
+            course_sd_rad,
+            declination_rad,
+            quaternion,
+            near_gimbal,
+            aligned,
+            ..
+        } = *reading;
         let angles = DeferredAngles { attitude, course: DeferredCourse::Known { course_rad } };
         Self { angles, reference, course_sd_rad, declination_rad, quaternion, near_gimbal, aligned }
     }
@@ -85,7 +93,16 @@ impl DeferredReading {
     pub fn complete(&self) -> CourseReading {
         let Self { angles, reference, course_sd_rad, declination_rad, quaternion, near_gimbal, aligned } = *self;
         let (angles, course_rad) = angles.compute();
-        CourseReading { angles, course_rad, reference, course_sd_rad, declination_rad, quaternion, near_gimbal, aligned }
+        CourseReading {
+            angles,
+            course_rad,
+            reference,
+            course_sd_rad,
+            declination_rad,
+            quaternion,
+            near_gimbal,
+            aligned,
+        }
     }
 
     /// Returns the flags of the reading.

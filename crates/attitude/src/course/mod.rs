@@ -99,11 +99,15 @@ impl Course {
     /// them.
     ///
     /// After the last tick, the state needs [`store_course`](Self::store_course).
-    #[inline]
+    #[inline(always)]
     pub fn step_deferred(&mut self, input: &CourseInput) -> DeferredReading {
         match self {
             Self::Angles(stage) => stage.step_deferred(input),
-            Self::Track(stage) => DeferredReading::from_reading(input.attitude, &stage.step(input)),
+            Self::Track(stage) => {
+                // A copy, because a reference would keep the whole input in memory for both stages.
+                let input = *input;
+                DeferredReading::from_reading(input.attitude, &stage.step(&input))
+            }
         }
     }
 

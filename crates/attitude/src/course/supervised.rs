@@ -9,7 +9,12 @@
 
 use super::{Course, CourseInput, CourseReading, CourseReference, DeferredReading};
 use crate::{
-    Vector3, gnss::Fix, resetting::ResettingStage, rotation::Rotation, stage::{Stage, Validate as _}, state::Attitude,
+    Vector3,
+    gnss::Fix,
+    resetting::ResettingStage,
+    rotation::Rotation,
+    stage::{Stage, Validate as _},
+    state::Attitude,
     state_words::StateWords,
 };
 
@@ -162,7 +167,7 @@ impl SupervisedCourse<Course> {
         }
         let (reading, is_reset) = match reading.filter(|reading| reading.validation_error().is_none()) {
             Some(reading) => (reading, false),
-            None => self.repeat_step(&input)?,
+            None => self.repeat_step(input)?,
         };
         Some(self.state.supervise(reading, reading.aligned, is_reset, has_jumped))
     }
@@ -170,8 +175,8 @@ impl SupervisedCourse<Course> {
     /// Repeats a step with an invalid reading. The complete reading is invalid, too, so the stage is
     /// reset.
     #[cold]
-    fn repeat_step(&mut self, input: &CourseInput) -> Option<(DeferredReading, bool)> {
-        let (reading, is_reset) = self.resetting.step(input)?;
+    fn repeat_step(&mut self, input: CourseInput) -> Option<(DeferredReading, bool)> {
+        let (reading, is_reset) = self.resetting.step(&input)?;
         Some((DeferredReading::from_reading(input.attitude, &reading), is_reset))
     }
 

@@ -48,9 +48,7 @@ impl FuserInput {
 
     #[inline(always)]
     fn is_finite(&self) -> bool {
-        self.motion
-            .as_ref()
-            .is_none_or(|motion| motion_is_finite(motion) && motion.dt_s >= 0.0 && motion.dt_s.is_finite())
+        self.motion.as_ref().is_none_or(|motion| motion_is_finite(motion) && is_valid_interval(motion.dt_s))
             && self.inclination.as_ref().is_none_or(inclination_is_finite)
             && self.field_ut.as_ref().is_none_or(vector_is_finite)
             && self.fix.is_none_or(|fix| fix.finite() == Some(fix))
@@ -59,8 +57,11 @@ impl FuserInput {
     #[cold]
     fn without_non_finite(&self) -> Self {
         let with_valid_interval = |motion: Motion| {
-            let is_valid = motion.dt_s >= 0.0 && motion.dt_s.is_finite();
-            if is_valid { motion } else { Motion { rotation: Rotation::IDENTITY, dt_s: 0.0, ..motion } }
+            if is_valid_interval(motion.dt_s) {
+                motion
+            } else {
+                Motion { rotation: Rotation::IDENTITY, dt_s: 0.0, ..motion }
+            }
         };
         Self {
             motion: self.motion.filter(motion_is_finite).map(with_valid_interval),
@@ -70,6 +71,11 @@ impl FuserInput {
             ..*self
         }
     }
+}
+
+#[inline]
+fn is_valid_interval(dt_s: f64) -> bool {
+    (0.0..f64::INFINITY).contains(&dt_s)
 }
 
 #[inline]

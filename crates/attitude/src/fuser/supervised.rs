@@ -308,11 +308,13 @@ impl InputSupervisor<'_> {
     #[inline(always)]
     fn bridge(&mut self, tick: &SensorTick) -> Option<Motion> {
         let mut motion = tick.motion?;
-        let previous = self.previous_motion.replace((motion.attitude, tick.t_end_ns));
-        if let Some((attitude, t_end_ns)) = previous.filter(|(_, t_end_ns)| *t_end_ns != tick.t_start_ns) {
-            motion.rotation = Rotation::between(attitude, motion.attitude);
-            motion.dt_s = (tick.t_end_ns - t_end_ns) as f64 * 1e-9;
+        if let Some((attitude, t_end_ns)) = self.previous_motion
+            && *t_end_ns != tick.t_start_ns
+        {
+            motion.rotation = Rotation::between(*attitude, motion.attitude);
+            motion.dt_s = (tick.t_end_ns - *t_end_ns) as f64 * 1e-9;
         }
+        *self.previous_motion = Some((motion.attitude, tick.t_end_ns));
         if motion.dt_s > MAX_BRIDGED_GAP_S {
             motion.dt_s = 0.0;
             motion.rotation = Rotation::IDENTITY;
@@ -427,14 +429,14 @@ impl<S: FuserStage> StageSupervisor<'_, S> {
 pub struct AidedPart<'a>(&'a mut AidedModel);
 
 impl AidedPart<'_> {
-    /// Processes a tick. The input must be [sanitized](FuserInput::sanitize) and
+    /// Processes a tick and replaces `output`. The input must be [sanitized](FuserInput::sanitize) and
     /// [independent](SupervisedInput::is_independent).
     #[inline]
-    pub fn step(&mut self, input: &SupervisedInput) -> AidedOutput {
+    pub fn step(&mut self, input: &SupervisedInput, output: &mut AidedOutput) {
         if input.realignment == Realignment::Yes {
             self.0.realign();
         }
-        self.0.step(&input.input)
+        self.0.step(&input.input, output);
     }
 }
 

@@ -203,7 +203,7 @@ impl Writer<'_> {
 /// Processes the samples of a chunk with the model `aided`.
 fn process_aided(aided: &mut Aided<'_>, chunk: &mut Chunk) {
     for (sample, output) in chunk.samples[..chunk.len].iter().zip(&mut chunk.aided) {
-        *output = aided.process(sample);
+        aided.process(sample, output);
     }
 }
 

@@ -48,9 +48,9 @@ impl AidedModel {
         self.turns = TurnDetector::default();
     }
 
-    /// Processes a tick. The input must be finite.
+    /// Processes a tick and replaces `output`. The input must be finite.
     #[inline]
-    pub fn step(&mut self, input: &FuserInput) -> AidedOutput {
+    pub fn step(&mut self, input: &FuserInput, output: &mut AidedOutput) {
         let had_ground_motion = self.has_ground_motion();
         let corrections = self.stage.advance(input);
         let dt_s = input.motion.as_ref().map_or(0.0, |motion| motion.dt_s);
@@ -65,8 +65,13 @@ impl AidedModel {
         // The level is that of `aided` during ground motion. At the end of the ground motion, the
         // transition to `wz` starts from the attitude of `aided`.
         let is_needed = had_ground_motion || has_ground_motion || reference == CourseReference::True;
-        let fused = is_needed.then(|| self.stage.output(input, corrections));
-        AidedOutput { has_ground_motion, reference, fused }
+        output.has_ground_motion = has_ground_motion;
+        output.reference = reference;
+        if is_needed {
+            output.fused = Some(self.stage.output(input, corrections));
+        } else {
+            output.fused = None;
+        }
     }
 
     /// Returns `true` if ground motion was detected within the last five minutes.

@@ -88,7 +88,8 @@ impl MultipleModel {
     }
 
     fn fuse(&mut self, input: &FuserInput) -> Fused {
-        let aided = self.aided.step(input);
+        let mut aided = AidedOutput::default();
+        self.aided.step(input, &mut aided);
         self.wz.step(input, &aided)
     }
 }
