@@ -1,5 +1,6 @@
 """Many samples in one call."""
 
+import struct
 import threading
 import time
 from typing import Any
@@ -7,9 +8,17 @@ from typing import Any
 import numpy as np
 import pytest
 
-from plumbline_ahrs import Ahrs, Batch, Recording
+import plumbline_ahrs
+from conftest import data
+from plumbline_ahrs import Ahrs, Batch, Flags, Recording
 
 N = 400
+SHORT = 700
+"""Samples of a batch that is processed by one thread."""
+COLUMNS = (
+    "quaternion", "angles_rad", "heading_rad", "heading_sd_rad", "inclination_sd_rad", "rate_rad_s",
+    "gyro_bias_rad_s", "flags", "tick", "reset_counter",
+)
 
 
 def batch_of(sample: Recording, **arguments: Any) -> Batch:
@@ -75,6 +84,105 @@ def test_batch_continues_the_filter(sample: Recording) -> None:
     second = ahrs.update_batch(gyro[half:], accel[half:], field[half:], 0.007)
     whole = Ahrs().update_batch(*rows, 0.007)
     assert np.array_equal(second.quaternion, whole.quaternion[half:])
+
+
+def columns(batches: list[Batch]) -> dict[str, bytes]:
+    """Return the bits of each column of successive batches."""
+    return {name: np.concatenate([getattr(batch, name) for batch in batches]).tobytes() for name in COLUMNS}
+
+
+def assert_threads_change_nothing(samples: Any, snapshot: bytes | None = None, **arguments: Any) -> Batch:
+    """Compare a long batch with short ones, which use one thread. Return the long batch."""
+    results = []
+    for step in (len(samples), SHORT):
+        ahrs = Ahrs(**arguments)
+        if snapshot is not None:
+            ahrs.restore(snapshot)
+        batches = [
+            ahrs.update_batch(rows["gyro_rad_s"], rows["accel_m_s2"], rows["field_ut"], t_ns=rows["t_ns"])
+            for rows in (samples[start : start + step] for start in range(0, len(samples), step))
+        ]
+        results.append((batches, ahrs))
+    (long, first), (short, second) = results
+    assert columns(long) == columns(short)
+    assert first.snapshot() == second.snapshot()
+    assert first.attitude == second.attitude
+    assert first.rejected == second.rejected
+    return long[0]
+
+
+def with_faults(samples: Any) -> Any:
+    """Return the samples with gaps, repeated samples, missing values and a disturbed magnetometer."""
+    samples, n = samples.copy(), len(samples)
+    for start, gap_ns in ((n // 9, 150_000_000), (n // 3, 900_000_000), (n // 2, 3_000_000_000)):
+        samples["t_ns"][start:] += gap_ns
+    samples[n // 8 : n // 8 + 40] = samples[n // 8]
+    samples["gyro_rad_s"][n // 5 : n // 5 + 90] = np.nan
+    samples["accel_m_s2"][n // 4 : n // 4 + 30] = np.nan
+    samples["field_ut"][2 * n // 3 : 3 * n // 4] += 40.0
+    # During an outage of the gyro, the body is turned unobserved.
+    samples["gyro_rad_s"][4 * n // 5 : 4 * n // 5 + 90] = np.nan
+    for name in ("gyro_rad_s", "accel_m_s2", "field_ut"):
+        samples[name][4 * n // 5 + 50 :] = samples[name][4 * n // 5 + 50 :][:, [1, 2, 0]]
+    return samples
+
+
+def test_threads_change_nothing_on_recordings(sample: Recording) -> None:
+    recordings = [sample] + [plumbline_ahrs.read(path) for path in data("broad/*.csv.gz") + data("flights/*imu.csv.gz")]
+    for recording in recordings:
+        samples = recording.samples[:40_000]
+        assert_threads_change_nothing(samples)
+        batch = assert_threads_change_nothing(with_faults(samples), declination_deg=3.0)
+        assert batch.reset_counter[-1] > batch.reset_counter[len(samples) // 2]
+
+
+@pytest.mark.parametrize("arguments", [{"course": "track"}, {"fuser": "wz"}, {"fuser": "vqf"}, {"gyro": "mobius-coning"}])
+def test_threads_change_nothing_with_any_stage(sample: Recording, arguments: dict[str, str]) -> None:
+    assert_threads_change_nothing(with_faults(sample.samples), **arguments)
+
+
+def test_threads_change_nothing_at_low_rate(sample: Recording) -> None:
+    """At less than 5 Hz, the attitude decides at each sample whether the level is aligned."""
+    samples = np.tile(sample.samples[::40], 20)
+    samples["t_ns"] = np.arange(len(samples)) * 280_000_000
+    batch = assert_threads_change_nothing(samples)
+    assert batch.reset_counter[-1] > 10
+
+
+def damaged(snapshot: bytes, word: int) -> bytes:
+    """Return a snapshot with a huge number and the checksum of the new bytes."""
+    words = bytearray(snapshot)
+    struct.pack_into("<d", words, 8 * word, 1e300)
+    checksum = 0xCBF29CE484222325
+    for byte in words[32:]:
+        checksum = (checksum ^ byte) * 0x100000001B3 & (1 << 64) - 1
+    struct.pack_into("<Q", words, 24, checksum)
+    return bytes(words)
+
+
+def test_threads_change_nothing_when_the_fuser_is_reset(sample: Recording) -> None:
+    ahrs = Ahrs()
+    rows = sample.samples[:1000]
+    ahrs.update_batch(rows["gyro_rad_s"], rows["accel_m_s2"], rows["field_ut"], t_ns=rows["t_ns"])
+    reset = np.uint64(Flags.RESET | Flags.ALIGNED)
+    resets: set[int] = set()
+    for word in range(4, len(ahrs.snapshot()) // 8):
+        snapshot = damaged(ahrs.snapshot(), word)
+        try:
+            Ahrs().restore(snapshot)
+        except ValueError:
+            continue
+        batch = assert_threads_change_nothing(sample.samples[1000:5000], snapshot)
+        resets.update(np.flatnonzero(batch.flags & reset == reset))
+        if len(resets) > 2:
+            break
+    assert max(resets) > 0
+
+
+def test_angles_are_computed_once(sample: Recording) -> None:
+    batch = batch_of(sample)
+    assert batch.heading_rad is batch.heading_rad
+    assert batch.angles_rad is batch.angles_rad
 
 
 def test_empty_batch_has_no_rows() -> None:

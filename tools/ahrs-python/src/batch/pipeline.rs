@@ -35,6 +35,7 @@
 use std::{
     collections::VecDeque,
     num::NonZero,
+    panic::resume_unwind,
     sync::{Condvar, Mutex, MutexGuard, OnceLock, PoisonError},
     thread::{self, Builder},
 };
@@ -109,11 +110,11 @@ fn run_workers<F: FuserStage>(
     let writer = Writer { output, rows: &mut *rows, rest: Vec::new() };
     let pipeline = Pipeline::new(reader, aided, writer);
     thread::scope(|scope| {
-        for _ in 1..processors().min(MAX_WORKERS) {
-            // Without the thread, the other workers do its work.
-            let _ = Builder::new().spawn_scoped(scope, || pipeline.work());
-        }
+        // If a thread cannot start, the other workers do its work.
+        let start = |_| Builder::new().spawn_scoped(scope, || pipeline.work()).ok();
+        let workers: Vec<_> = (1..processors().min(MAX_WORKERS)).filter_map(start).collect();
         pipeline.work();
+        workers.into_iter().for_each(|worker| worker.join().unwrap_or_else(|panic| resume_unwind(panic)));
     });
     let State { reader, writer, checked, ready, .. } =
         pipeline.state.into_inner().unwrap_or_else(PoisonError::into_inner);
