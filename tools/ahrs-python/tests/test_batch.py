@@ -137,7 +137,7 @@ def test_threads_change_nothing_on_recordings(sample: Recording) -> None:
 
 
 @pytest.mark.parametrize("arguments", [{"course": "track"}, {"fuser": "wz"}, {"fuser": "vqf"}, {"gyro": "mobius-coning"}])
-def test_threads_change_nothing_with_any_stage(sample: Recording, arguments: dict[str, str]) -> None:
+def test_threads_change_nothing_with_any_stage(sample: Recording, arguments: dict[str, Any]) -> None:
     assert_threads_change_nothing(with_faults(sample.samples), **arguments)
 
 

@@ -5,6 +5,7 @@ mod builder;
 mod digest;
 mod faults;
 mod golden;
+mod parts;
 mod path;
 mod recordings;
 mod snapshot;

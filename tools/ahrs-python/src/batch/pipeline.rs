@@ -16,10 +16,10 @@
 //! empty ─► Reader ─► checked ─► AidedModel ─► ready ─► Writer ─► empty
 //! ```
 //!
-//! No part has a thread of its own. A worker takes the last part for which a chunk is waiting, lets it
-//! process the chunk, and returns both. All workers are therefore busy although the parts do not take
-//! the same time. The caller is one of the workers. The number of chunks is constant, so the memory
-//! does not depend on the length of the batch.
+//! No part has a thread of its own. A worker takes a part for which a chunk is waiting, lets it process
+//! the chunk, and returns both. All workers are therefore busy although the parts do not take the same
+//! time. There are at most as many workers as parts, and the caller is one of them. The number of
+//! chunks is constant, so the memory does not depend on the length of the batch.
 //!
 //! # Samples for which the parts depend on each other
 //!
@@ -51,9 +51,7 @@ use super::rows::Rows;
 /// Samples per chunk. The hand-over of a chunk takes less time than one sample.
 const CHUNK_SAMPLES: usize = 128;
 /// Chunks per batch: one for each part, and one before each part.
-const CHUNKS: usize = 6;
-/// Maximum number of workers: one for each part.
-const MAX_WORKERS: usize = 3;
+const CHUNKS: usize = 10;
 /// Minimum number of samples for which threads are started. The start takes as long as a few hundred
 /// samples.
 const MIN_SAMPLES: usize = 2000;
@@ -110,17 +108,17 @@ fn run_workers<F: FuserStage>(
     let writer = Writer { output, rows: &mut *rows, rest: Vec::new() };
     let pipeline = Pipeline::new(reader, aided, writer);
     thread::scope(|scope| {
+        let pipeline = &pipeline;
         // If a thread cannot start, the other workers do its work.
-        let start = |_| Builder::new().spawn_scoped(scope, || pipeline.work()).ok();
-        let workers: Vec<_> = (1..processors().min(MAX_WORKERS)).filter_map(start).collect();
-        pipeline.work();
+        let start = |worker| Builder::new().spawn_scoped(scope, move || pipeline.work(worker)).ok();
+        let workers: Vec<_> = (1..processors().min(PARTS)).filter_map(start).collect();
+        pipeline.work(0);
         workers.into_iter().for_each(|worker| worker.join().unwrap_or_else(|panic| resume_unwind(panic)));
     });
-    let State { reader, writer, checked, ready, .. } =
+    let State { parts, chunks: [_, checked, ready], .. } =
         pipeline.state.into_inner().unwrap_or_else(PoisonError::into_inner);
-    let (Some(Reader { next, dependent, .. }), Some(Writer { rest: invalid, .. })) = (reader, writer) else {
-        return next;
-    };
+    let [Some(Part::Reader(reader)), _, Some(Part::Writer(writer))] = parts else { return next };
+    let (next, dependent, invalid) = (reader.next, reader.dependent, writer.rest);
     if let [first, others @ ..] = &invalid[..] {
         rows.push(fusion.reset_and_process(first));
         let chunks = ready.iter().chain(&checked).flat_map(Chunk::samples);
@@ -132,7 +130,8 @@ fn run_workers<F: FuserStage>(
     next
 }
 
-/// Samples that the parts pass on. The memory is used again.
+/// Samples that the parts pass on. The memory is allocated at the first use, and used again.
+#[derive(Default)]
 struct Chunk {
     samples: Vec<CheckedSample>,
     /// Outputs of the model `aided`.
@@ -142,12 +141,6 @@ struct Chunk {
 }
 
 impl Chunk {
-    fn new() -> Self {
-        let (samples, aided) =
-            (vec![CheckedSample::default(); CHUNK_SAMPLES], vec![AidedOutput::default(); CHUNK_SAMPLES]);
-        Self { samples, aided, len: 0 }
-    }
-
     fn samples(&self) -> &[CheckedSample] {
         &self.samples[..self.len]
     }
@@ -169,6 +162,7 @@ impl<S: Source> Reader<'_, '_, S> {
     }
 
     fn process(&mut self, chunk: &mut Chunk) {
+        chunk.samples.resize_with(CHUNK_SAMPLES, CheckedSample::default);
         chunk.len = 0;
         for sample in &mut chunk.samples[..CHUNK_SAMPLES.min(self.source.len() - self.next)] {
             self.source.check(self.next, self.sensors, sample);
@@ -203,8 +197,29 @@ impl Writer<'_> {
 
 /// Processes the samples of a chunk with the model `aided`.
 fn process_aided(aided: &mut Aided<'_>, chunk: &mut Chunk) {
+    chunk.aided.resize_with(CHUNK_SAMPLES, AidedOutput::default);
     for (sample, output) in chunk.samples[..chunk.len].iter().zip(&mut chunk.aided) {
         aided.process(sample, output);
+    }
+}
+
+/// Number of parts. A chunk passes through the parts in order and returns to the first.
+const PARTS: usize = 3;
+
+/// Part of the filter.
+enum Part<'a, 's, S> {
+    Reader(Reader<'a, 's, S>),
+    Aided(Aided<'a>),
+    Writer(Writer<'a>),
+}
+
+impl<S: Source> Part<'_, '_, S> {
+    fn process(&mut self, chunk: &mut Chunk) {
+        match self {
+            Self::Reader(reader) => reader.process(chunk),
+            Self::Aided(aided) => process_aided(aided, chunk),
+            Self::Writer(writer) => writer.process(chunk),
+        }
     }
 }
 
@@ -217,87 +232,67 @@ struct Pipeline<'a, 's, S> {
 
 /// Parts and chunks that no worker uses at the moment.
 struct State<'a, 's, S> {
-    reader: Option<Reader<'a, 's, S>>,
-    aided: Option<Aided<'a>>,
-    writer: Option<Writer<'a>>,
-    empty: Vec<Chunk>,
-    checked: VecDeque<Chunk>,
-    ready: VecDeque<Chunk>,
+    parts: [Option<Part<'a, 's, S>>; PARTS],
+    /// Chunks that wait for each part.
+    chunks: [VecDeque<Chunk>; PARTS],
+    /// Worker that has used each part last. Its processor holds the state of the part.
+    last_workers: [usize; PARTS],
     /// Number of workers that wait for a change.
     waiting: usize,
     has_panicked: bool,
 }
 
 /// Part with a chunk for it.
-enum Task<'a, 's, S> {
-    Read(Reader<'a, 's, S>, Chunk),
-    Aided(Aided<'a>, Chunk),
-    Write(Writer<'a>, Chunk),
+struct Task<'a, 's, S> {
+    index: usize,
+    part: Part<'a, 's, S>,
+    chunk: Chunk,
 }
 
 impl<'a, 's, S: Source> State<'a, 's, S> {
-    /// Removes the last part for which a chunk is waiting, with the chunk.
-    fn next_task(&mut self) -> Option<Task<'a, 's, S>> {
-        if self.has_panicked || self.writer.as_ref().is_some_and(|writer| !writer.rest.is_empty()) {
-            return None;
-        }
-        if !self.ready.is_empty()
-            && let Some(writer) = self.writer.take()
-        {
-            return self.ready.pop_front().map(|chunk| Task::Write(writer, chunk));
-        }
-        if !self.checked.is_empty()
-            && let Some(aided) = self.aided.take()
-        {
-            return self.checked.pop_front().map(|chunk| Task::Aided(aided, chunk));
-        }
-        let reader = self.reader.take_if(|reader| !reader.is_finished() && !self.empty.is_empty())?;
-        self.empty.pop().map(|chunk| Task::Read(reader, chunk))
+    /// Removes a part for which a chunk is waiting, with the chunk.
+    ///
+    /// The parts that the worker has used last are preferred, and then the later parts.
+    fn next_task(&mut self, worker: usize) -> Option<Task<'a, 's, S>> {
+        let mut candidates = (0..PARTS).rev().filter(|index| self.can_run(*index));
+        let first = candidates.next()?;
+        let own = [first].into_iter().chain(candidates).find(|index| self.last_workers[*index] == worker);
+        let index = own.unwrap_or(first);
+        self.last_workers[index] = worker;
+        let (part, chunk) = self.parts[index].take().zip(self.chunks[index].pop_front())?;
+        Some(Task { index, part, chunk })
     }
 
-    /// Returns the part and the chunk of a task that has been run.
+    /// Returns `true` if a part and a chunk for it are present, unless the work ends.
+    fn can_run(&self, index: usize) -> bool {
+        let is_present = match &self.parts[index] {
+            None => false,
+            Some(Part::Reader(reader)) => !reader.is_finished(),
+            Some(Part::Aided(_) | Part::Writer(_)) => true,
+        };
+        let is_invalid = matches!(&self.parts[PARTS - 1], Some(Part::Writer(writer)) if !writer.rest.is_empty());
+        is_present && !is_invalid && !self.has_panicked && !self.chunks[index].is_empty()
+    }
+
+    /// Returns the part of a task that has been run, and passes on the chunk.
     fn complete(&mut self, task: Task<'a, 's, S>) {
-        match task {
-            Task::Read(reader, chunk) => {
-                self.reader = Some(reader);
-                self.checked.push_back(chunk);
-            }
-            Task::Aided(aided, chunk) => {
-                self.aided = Some(aided);
-                self.ready.push_back(chunk);
-            }
-            Task::Write(writer, chunk) => {
-                self.writer = Some(writer);
-                self.empty.push(chunk);
-            }
-        }
+        let Task { index, part, chunk } = task;
+        self.parts[index] = Some(part);
+        self.chunks[(index + 1) % PARTS].push_back(chunk);
     }
 
     /// Returns `true` if no worker uses a part. Without a task, there will be none later.
     fn is_idle(&self) -> bool {
-        self.reader.is_some() && self.aided.is_some() && self.writer.is_some()
-    }
-}
-
-impl<S: Source> Task<'_, '_, S> {
-    fn run(&mut self) {
-        match self {
-            Self::Read(reader, chunk) => reader.process(chunk),
-            Self::Aided(aided, chunk) => process_aided(aided, chunk),
-            Self::Write(writer, chunk) => writer.process(chunk),
-        }
+        self.parts.iter().all(Option::is_some)
     }
 }
 
 impl<'a, 's, S: Source> Pipeline<'a, 's, S> {
     fn new(reader: Reader<'a, 's, S>, aided: Aided<'a>, writer: Writer<'a>) -> Self {
         let state = State {
-            reader: Some(reader),
-            aided: Some(aided),
-            writer: Some(writer),
-            empty: (0..CHUNKS).map(|_| Chunk::new()).collect(),
-            checked: VecDeque::with_capacity(CHUNKS),
-            ready: VecDeque::with_capacity(CHUNKS),
+            parts: [Some(Part::Reader(reader)), Some(Part::Aided(aided)), Some(Part::Writer(writer))],
+            chunks: [(0..CHUNKS).map(|_| Chunk::default()).collect(), VecDeque::new(), VecDeque::new()],
+            last_workers: [0; PARTS],
             waiting: 0,
             has_panicked: false,
         };
@@ -305,13 +300,13 @@ impl<'a, 's, S: Source> Pipeline<'a, 's, S> {
     }
 
     /// Runs tasks until there are none.
-    fn work(&self) {
+    fn work(&self, worker: usize) {
         let _end = EndOnPanic(self);
         let mut state = self.lock();
         loop {
-            if let Some(mut task) = state.next_task() {
+            if let Some(mut task) = state.next_task(worker) {
                 drop(state);
-                task.run();
+                task.part.process(&mut task.chunk);
                 state = self.lock();
                 state.complete(task);
                 if state.waiting > 0 {
