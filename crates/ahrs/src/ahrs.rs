@@ -13,7 +13,10 @@ use attitude::{
     stage::RestoreError,
 };
 
-use crate::{Attitude, parts::next_ns};
+use crate::{
+    Attitude,
+    parts::{CheckedSample, DeferredAttitude, Fusion, Parts, Sensors, complete_attitude, next_ns},
+};
 
 /// Velocity over ground from a satellite receiver.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
@@ -161,6 +164,40 @@ impl<F: FuserStage> Ahrs<F> {
     /// Returns an error if `prior` is invalid. The filter is then unchanged.
     pub fn seed_sensor_errors(&mut self, prior: &Estimate) -> Result<(), RestoreError> {
         self.fuser.stage_mut().seed_sensor_errors(prior)
+    }
+}
+
+impl<F: FuserStage> Ahrs<F> {
+    /// Returns the parts of the filter.
+    ///
+    /// The samples that the parts process change [`attitude`](Self::attitude) at
+    /// [`Fusion::finish`].
+    #[inline]
+    pub fn parts(&mut self) -> Parts<'_, F> {
+        let Self { conditioner, gyro, accel, fuser, course, t_ns, pending_field_ut, pending_fix, attitude } = self;
+        let (inputs, fuser) = fuser.parts();
+        let sensors = Sensors { conditioner, gyro, accel, inputs, t_ns, pending_field_ut, pending_fix };
+        let fusion = Fusion { fuser, course, newest: DeferredAttitude::from_attitude(attitude), attitude };
+        Parts { sensors, fusion }
+    }
+
+    /// Processes a timestamped sample.
+    ///
+    /// Returns `None` if the sample is rejected, and once a stage has failed.
+    #[inline(always)]
+    fn process(
+        &mut self,
+        gyro_rad_s: [f64; 3],
+        accel_m_s2: [f64; 3],
+        field_ut: Option<[f64; 3]>,
+        sample_ns: i64,
+    ) -> Option<Attitude> {
+        let Self { conditioner, gyro, accel, fuser, course, t_ns, pending_field_ut, pending_fix, attitude: _ } = self;
+        let (inputs, mut fuser) = fuser.parts();
+        let mut sensors = Sensors { conditioner, gyro, accel, inputs, t_ns, pending_field_ut, pending_fix };
+        let mut sample = CheckedSample::default();
+        sensors.check(gyro_rad_s, accel_m_s2, field_ut, sample_ns, &mut sample)?;
+        complete_attitude(&mut fuser, course, &sample)
     }
 }
 

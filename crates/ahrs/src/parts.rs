@@ -2,7 +2,7 @@
 //!
 //! A sample passes through the parts in the order of the table. No part depends on a later one, so
 //! each can be ahead of the next, for example in a thread of its own. The results equal those of
-//! [`Ahrs::update`] bit for bit.
+//! [`Ahrs::update`](crate::Ahrs::update) bit for bit.
 //!
 //! | part | content | output |
 //! | --- | --- | --- |
@@ -11,9 +11,11 @@
 //! | [`Output`] | all other parts: the rest of the fuser; stage of the course | [`DeferredAttitude`] |
 //!
 //! [`Fusion`] holds the last two parts. With a stage other than `multiple-model` it cannot be
-//! divided. It also processes the samples for which the parts depend on each other: a sample after an
-//! outage of the gyro, which may re-initialise the level, and a sample with an invalid output, which
-//! resets the stage.
+//! divided. It also processes the samples for which the parts depend on each other:
+//!
+//! - a sample after an outage of the gyro, because the attitude decides whether the level is
+//!   re-initialised ([`CheckedSample::is_independent`]);
+//! - a sample with an invalid output, because it resets the stage ([`Output::process`]).
 //!
 //! ```
 //! use plumbline_ahrs::{
@@ -25,7 +27,8 @@
 //! let Parts { mut sensors, mut fusion } = ahrs.parts();
 //! let mut samples = [CheckedSample::default(); 200];
 //! for sample in &mut samples {
-//!     sensors.process([0.0, 0.0, 0.1], [0.0, 0.0, 9.81], None, SampleTime::Interval { dt_s: 0.01 }, sample);
+//!     let time = SampleTime::Interval { dt_s: 0.01 };
+//!     sensors.process([0.0, 0.0, 0.1], [0.0, 0.0, 9.81], None, time, sample);
 //! }
 //! for sample in &samples {
 //!     fusion.process(sample);
@@ -56,7 +59,7 @@ use attitude::{
 
 pub use attitude::fuser::multiple_model::AidedOutput;
 
-use crate::{Ahrs, Attitude};
+use crate::Attitude;
 
 /// Parts of a filter.
 #[derive(Debug)]
@@ -67,51 +70,15 @@ pub struct Parts<'a, F> {
     pub fusion: Fusion<'a, F>,
 }
 
-impl<F: FuserStage> Ahrs<F> {
-    /// Returns the parts of the filter. The attitude of the filter is that of the newest sample only
-    /// after [`Fusion::finish`].
-    #[inline(always)]
-    pub fn parts(&mut self) -> Parts<'_, F> {
-        let Self { conditioner, gyro, accel, fuser, course, t_ns, pending_field_ut, pending_fix, attitude } = self;
-        let (inputs, fuser) = fuser.parts();
-        let sensors = Sensors { conditioner, gyro, accel, inputs, t_ns, pending_field_ut, pending_fix };
-        let fusion = Fusion { fuser, course, newest: DeferredAttitude::from_attitude(attitude), attitude };
-        Parts { sensors, fusion }
-    }
-
-    /// Processes a timestamped sample. Returns `None` if the sample is rejected, and once a stage has
-    /// failed.
-    #[inline(always)]
-    pub(crate) fn process(
-        &mut self,
-        gyro_rad_s: [f64; 3],
-        accel_m_s2: [f64; 3],
-        field_ut: Option<[f64; 3]>,
-        t_ns: i64,
-    ) -> Option<Attitude> {
-        let Self { conditioner, gyro, accel, fuser, course, t_ns: newest_ns, pending_field_ut, pending_fix, .. } = self;
-        let (inputs, mut fuser) = fuser.parts();
-        let mut sensors = Sensors { conditioner, gyro, accel, inputs, t_ns: newest_ns, pending_field_ut, pending_fix };
-        let mut sample = CheckedSample::default();
-        sensors.check(gyro_rad_s, accel_m_s2, field_ut, t_ns, &mut sample)?;
-        let fused = fuser.step(&sample.fuser)?;
-        let SupervisedReading { reading, is_reset, reset_counter, jump } =
-            course.step(&course_tick(&sample, &fused), core::convert::identity)?;
-        let flags = sample.flags | fused.flags() | reading.flags() | Flags::RESET.when(is_reset);
-        let CheckedSample { tick, t_end_ns: t_ns, .. } = sample;
-        Some(Attitude { tick, t_ns, flags, fused: fused.fused, reading, reset_counter, jump })
-    }
-}
-
 /// Time of a sample.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum SampleTime {
-    /// Time since the previous sample, as for [`Ahrs::update`].
+    /// Time since the previous sample, as for [`Ahrs::update`](crate::Ahrs::update).
     Interval {
         /// Interval, s.
         dt_s: f64,
     },
-    /// Time on the clock of the sensors, as for [`Ahrs::update_at`].
+    /// Time on the clock of the sensors, as for [`Ahrs::update_at`](crate::Ahrs::update_at).
     Stamp {
         /// Timestamp, ns.
         t_ns: i64,
@@ -141,20 +108,21 @@ impl CheckedSample {
 /// Checks of the samples, and the stages of gyro and accelerometer.
 #[derive(Debug)]
 pub struct Sensors<'a> {
-    conditioner: &'a mut Conditioner,
-    gyro: &'a mut SupervisedGyro<Gyro>,
-    accel: &'a mut ResettingStage<Accelerometer>,
-    inputs: InputSupervisor<'a>,
-    t_ns: &'a mut i64,
-    pending_field_ut: &'a mut Option<[f64; 3]>,
-    pending_fix: &'a mut Option<ReceiverFix>,
+    pub(crate) conditioner: &'a mut Conditioner,
+    pub(crate) gyro: &'a mut SupervisedGyro<Gyro>,
+    pub(crate) accel: &'a mut ResettingStage<Accelerometer>,
+    pub(crate) inputs: InputSupervisor<'a>,
+    pub(crate) t_ns: &'a mut i64,
+    pub(crate) pending_field_ut: &'a mut Option<[f64; 3]>,
+    pub(crate) pending_fix: &'a mut Option<ReceiverFix>,
 }
 
 impl Sensors<'_> {
     /// Processes a sample and replaces `sample` by the result.
     ///
-    /// The arguments are those of [`Ahrs::update`] and [`Ahrs::update_at`]. A sample that is rejected
-    /// changes nothing in the other parts.
+    /// The arguments are those of [`Ahrs::update`](crate::Ahrs::update) and
+    /// [`Ahrs::update_at`](crate::Ahrs::update_at). A rejected sample does not change the other
+    /// parts.
     #[inline]
     pub fn process(
         &mut self,
@@ -174,10 +142,11 @@ impl Sensors<'_> {
         }
     }
 
-    /// Replaces the values of `sample`. Returns `None` if the sample is rejected, and once a stage has
-    /// failed.
+    /// Replaces the values of `sample`.
+    ///
+    /// Returns `None` if the sample is rejected, and once a stage has failed.
     #[inline(always)]
-    fn check(
+    pub(crate) fn check(
         &mut self,
         gyro_rad_s: [f64; 3],
         accel_m_s2: [f64; 3],
@@ -222,13 +191,28 @@ pub(crate) fn next_ns(t_ns: i64, dt_s: f64) -> i64 {
     t_ns.saturating_add(libm::round(dt_s * 1e9) as i64)
 }
 
+/// Computes the attitude after a sample. Returns `None` once a stage has failed.
+#[inline(always)]
+pub(crate) fn complete_attitude<F: FuserStage>(
+    fuser: &mut StageSupervisor<'_, F>,
+    course: &mut SupervisedCourse<Course>,
+    sample: &CheckedSample,
+) -> Option<Attitude> {
+    let fused = fuser.step(&sample.fuser)?;
+    let SupervisedReading { reading, is_reset, reset_counter, jump } =
+        course.step(&course_tick(sample, &fused), core::convert::identity)?;
+    let flags = sample.flags | fused.flags() | reading.flags() | Flags::RESET.when(is_reset);
+    let CheckedSample { tick, t_end_ns: t_ns, .. } = *sample;
+    Some(Attitude { tick, t_ns, flags, fused: fused.fused, reading, reset_counter, jump })
+}
+
 /// Fuser and course of a filter.
 #[derive(Debug)]
 pub struct Fusion<'a, F> {
-    fuser: StageSupervisor<'a, F>,
-    course: &'a mut SupervisedCourse<Course>,
-    newest: DeferredAttitude,
-    attitude: &'a mut Attitude,
+    pub(crate) fuser: StageSupervisor<'a, F>,
+    pub(crate) course: &'a mut SupervisedCourse<Course>,
+    pub(crate) newest: DeferredAttitude,
+    pub(crate) attitude: &'a mut Attitude,
 }
 
 impl<F: FuserStage> Fusion<'_, F> {
@@ -276,8 +260,7 @@ impl<F: FuserStage> Fusion<'_, F> {
 pub struct Aided<'a>(AidedPart<'a>);
 
 impl Aided<'_> {
-    /// Processes an [independent](CheckedSample::is_independent) sample and replaces `output` by the
-    /// result.
+    /// Processes an [independent](CheckedSample::is_independent) sample and replaces `output`.
     #[inline]
     pub fn process(&mut self, sample: &CheckedSample, output: &mut AidedOutput) {
         if sample.is_accepted {
@@ -298,8 +281,8 @@ impl Output<'_> {
     /// Processes a sample that [`Aided`] has processed, and returns the new attitude. A rejected
     /// sample does not change it.
     ///
-    /// Returns `None` if the output of the fuser is invalid. The sample, and all after it, must then
-    /// be processed by [`Fusion`], the first by [`Fusion::reset_and_process`].
+    /// Returns `None` if the output of the fuser is invalid. [`Fusion::reset_and_process`] must
+    /// then process the sample, and [`Fusion::process`] all samples after it.
     #[inline]
     pub fn process(&mut self, sample: &CheckedSample, aided: &AidedOutput) -> Option<&DeferredAttitude> {
         if sample.is_accepted {
@@ -359,7 +342,7 @@ pub struct DeferredAttitude {
 }
 
 impl DeferredAttitude {
-    fn from_attitude(attitude: &Attitude) -> Self {
+    pub(crate) fn from_attitude(attitude: &Attitude) -> Self {
         let Attitude { tick, t_ns, flags, fused, reading, reset_counter, jump } = *attitude;
         let reading = DeferredReading::from_reading(fused.attitude, &reading);
         Self { tick, t_ns, flags, fused, reading, reset_counter, jump }

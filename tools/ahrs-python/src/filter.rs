@@ -184,8 +184,8 @@ impl Ahrs {
     /// The result equals that of n calls of `update` or `update_at`, bit for bit. Arrays of float64
     /// are not copied. Other threads must not change the arrays during the call.
     ///
-    /// With the default fuser, a batch of 2,000 samples or more is processed by up to three threads.
-    /// The angles and headings of the result are computed when they are read first.
+    /// With the default fuser, up to three threads process a batch of 2,000 samples or more. The
+    /// angles and the headings of the result are computed on the first access.
     ///
     /// Raises ValueError, without processing any sample, if an array has the wrong shape.
     #[pyo3(signature = (gyro_rad_s, accel_m_s2, field_ut = None, dt_s = None, *, t_ns = None, frame = "enu-rfu"))]

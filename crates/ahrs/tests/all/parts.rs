@@ -18,8 +18,10 @@ struct Sample {
     dt_s: f64,
 }
 
-/// Returns samples of a body that turns and tilts. The body also turns during outages of the gyro and
-/// during gaps. Some samples are repeated or missing, and the magnetic field is disturbed for a time.
+/// Returns samples of a body that turns and tilts.
+///
+/// The body also turns during outages of the gyro and during gaps. Some samples are repeated or
+/// missing, and the magnetic field is disturbed for a time.
 fn samples() -> Vec<Sample> {
     let sample = |count: u32| {
         let t_s = f64::from(count) * DT_S;
@@ -30,7 +32,7 @@ fn samples() -> Vec<Sample> {
         Sample {
             rate_rad_s: if is_missing { [f64::NAN; 3] } else { [0.3 * t_s.cos(), 0.02, 0.4] },
             force_m_s2: [0.01 * t_s.cos(), 9.81 * sin, 9.81 * cos],
-            field_ut: (count % 2 == 0).then_some([
+            field_ut: count.is_multiple_of(2).then_some([
                 20.0 * (0.4 * t_s).sin() + disturbance_ut,
                 20.0 * (0.4 * t_s).cos(),
                 -40.0 + 1e-3 * t_s,

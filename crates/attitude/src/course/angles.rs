@@ -30,7 +30,7 @@ pub struct AnglesCourse {
 }
 
 impl AnglesCourse {
-    /// Processes a tick like [`step`](Stage::step), but without computing the angles and the course.
+    /// Processes a tick like [`step`](Stage::step), but without the angles and the course.
     ///
     /// The state lacks the course of the reading until [`store_course`](Self::store_course).
     #[inline(always)]

@@ -1,8 +1,8 @@
-//! Reading whose angles and course are computed on demand.
+//! Reading of a course stage, with angles and course that are computed on demand.
 //!
-//! Input: the attitude, and what the stage has determined without the angles.
+//! Input: the attitude, and the results of the stage that do not need the angles.
 //!
-//! Output: the same angles and the same course, bit for bit, that the stage computes at once.
+//! Output: the bits of the angles and the course that the complete step computes.
 //!
 //! The angles need three arctangents. A program that reads only quaternions does not need them.
 

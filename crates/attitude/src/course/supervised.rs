@@ -172,8 +172,8 @@ impl SupervisedCourse<Course> {
         Some(self.state.supervise(reading, reading.aligned, is_reset, has_jumped))
     }
 
-    /// Repeats a step with an invalid reading. The complete reading is invalid, too, so the stage is
-    /// reset.
+    /// Repeats a step with an invalid reading. The complete reading is invalid, too, so the stage
+    /// is reset.
     #[cold]
     fn repeat_step(&mut self, input: CourseInput) -> Option<(DeferredReading, bool)> {
         let (reading, is_reset) = self.resetting.step(&input)?;

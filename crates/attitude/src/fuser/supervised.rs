@@ -241,7 +241,7 @@ impl<S: FuserStage> SupervisedFuser<S> {
 pub struct SupervisedInput {
     /// Input of the stage.
     pub input: FuserInput,
-    /// Whether the level is re-initialised before the step.
+    /// Decision about the level before the step.
     pub realignment: Realignment,
     /// Set if the stage of the gyro or the accelerometer was reset for this tick.
     pub is_sensor_stage_reset: bool,
@@ -429,7 +429,9 @@ impl<S: FuserStage> StageSupervisor<'_, S> {
 pub struct AidedPart<'a>(&'a mut AidedModel);
 
 impl AidedPart<'_> {
-    /// Processes a tick and replaces `output`. The input must be [sanitized](FuserInput::sanitize) and
+    /// Processes a tick and replaces `output`.
+    ///
+    /// The input must be [sanitized](FuserInput::sanitize) and
     /// [independent](SupervisedInput::is_independent).
     #[inline]
     pub fn step(&mut self, input: &SupervisedInput, output: &mut AidedOutput) {

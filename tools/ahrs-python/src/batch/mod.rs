@@ -74,14 +74,17 @@ struct Angles {
 
 #[pymethods]
 impl Batch {
-    /// Yaw, pitch and roll by the conventions of the frame, rad, shape (n, 3). Computed on the first
-    /// access.
+    /// Yaw, pitch and roll by the conventions of the frame, rad, shape (n, 3).
+    ///
+    /// They are computed on the first access.
     #[getter]
     fn angles_rad(&self, py: Python<'_>) -> PyResult<Py<PyArray2<f64>>> {
         Ok(self.angles(py)?.angles_rad.clone_ref(py))
     }
 
-    /// Headings, rad, clockwise from above, [0, 2π), shape (n,). Computed on the first access.
+    /// Headings, rad, clockwise from above, [0, 2π), shape (n,).
+    ///
+    /// They are computed on the first access.
     #[getter]
     fn heading_rad(&self, py: Python<'_>) -> PyResult<Py<PyArray1<f64>>> {
         Ok(self.angles(py)?.heading_rad.clone_ref(py))

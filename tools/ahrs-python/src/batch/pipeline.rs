@@ -2,35 +2,38 @@
 //!
 //! Input: the samples in order.
 //!
-//! Output: one row per sample. The rows and the state of the filter are the same bits with any number
-//! of threads.
+//! Output: one row per sample. The rows and the state of the filter have the same bits with any
+//! number of threads.
 //!
 //! Failure: a panic of a thread ends all threads and is passed on to the caller.
 //!
 //! # Threads
 //!
 //! The samples pass through three [parts](plumbline_ahrs::parts) of the filter in chunks. Each part
-//! depends only on the parts before it, so the parts work on different chunks at the same time:
+//! depends only on the parts before it, so the parts process different chunks at the same time:
 //!
 //! ```text
-//! empty ─► Reader ─► checked ─► AidedModel ─► ready ─► Writer ─► empty
+//! samples ─► Reader ─► chunks ─► Aided ─► chunks ─► Writer ─► rows
+//!              ▲                                      │
+//!              └─────────────── chunks ◄──────────────┘
 //! ```
 //!
-//! No part has a thread of its own. A worker takes a part for which a chunk is waiting, lets it process
-//! the chunk, and returns both. All workers are therefore busy although the parts do not take the same
-//! time. There are at most as many workers as parts, and the caller is one of them. The number of
-//! chunks is constant, so the memory does not depend on the length of the batch.
+//! A part is not tied to a thread. A worker takes a part for which a chunk is waiting, lets the
+//! part process the chunk, and returns both. All workers are therefore busy, although the parts do
+//! not take the same time. The caller is one of the workers. The number of chunks is constant, so
+//! the memory does not depend on the length of the batch.
 //!
 //! # Samples for which the parts depend on each other
 //!
-//! After an outage of the gyro, the attitude decides whether the level is initialised again. An
-//! invalid output resets both models. Both are rare. The workers end at such a sample. The caller
-//! processes it and [`SERIAL_SAMPLES`] after it alone, and then starts workers again.
+//! After an outage of the gyro, the fused attitude decides whether the level is initialised again.
+//! An invalid output resets both models of the fuser. Both cases are rare. The workers end at such
+//! a sample. The caller processes it and the next [`SERIAL_SAMPLES`] alone, then starts workers
+//! again.
 //!
-//! # Short batches
+//! # Batches without threads
 //!
-//! A short batch, a fuser other than `multiple-model`, and a computer with one processor use the
-//! caller only.
+//! The caller processes a batch alone if the batch is short, if the fuser is not `multiple-model`,
+//! or if the process may use only one processor.
 
 use std::{
     collections::VecDeque,
@@ -48,14 +51,15 @@ use plumbline_ahrs::{
 
 use super::rows::Rows;
 
-/// Samples per chunk. The hand-over of a chunk takes less time than one sample.
+/// Samples per chunk. The hand-over of a chunk takes about as long as one sample.
 const CHUNK_SAMPLES: usize = 128;
-/// Chunks per batch: one for each part, and one before each part.
+/// Chunks of a pipeline: one in each part, and one before each part.
 const CHUNKS: usize = 10;
-/// Minimum number of samples for which threads are started. The start takes as long as a few hundred
-/// samples.
+/// Minimum number of samples for which threads are started.
+///
+/// The start of a thread takes as long as a few hundred samples.
 const MIN_SAMPLES: usize = 2000;
-/// Samples that the caller processes alone after a sample for which the parts depend on each other.
+/// Samples that the caller processes alone after the workers have ended.
 const SERIAL_SAMPLES: usize = 1000;
 
 /// Samples of a batch.
@@ -94,8 +98,9 @@ fn processors() -> usize {
     *PROCESSORS.get_or_init(|| thread::available_parallelism().map_or(1, NonZero::get))
 }
 
-/// Processes samples from `next` on with several workers. Returns the index of the first sample that
-/// has not been processed.
+/// Processes samples from `next` on with several workers.
+///
+/// Returns the index of the first sample that has not been processed.
 fn run_workers<F: FuserStage>(
     sensors: &mut Sensors<'_>,
     fusion: &mut Fusion<'_, F>,
@@ -153,7 +158,7 @@ struct Reader<'a, 's, S> {
     /// Index of the next sample.
     next: usize,
     /// Last sample, if it depends on the attitude before it.
-    dependent: Option<CheckedSample>,
+    dependent: Option<Box<CheckedSample>>,
 }
 
 impl<S: Source> Reader<'_, '_, S> {
@@ -168,7 +173,7 @@ impl<S: Source> Reader<'_, '_, S> {
             self.source.check(self.next, self.sensors, sample);
             self.next += 1;
             if !sample.is_independent() {
-                self.dependent = Some(*sample);
+                self.dependent = Some(Box::new(*sample));
                 return;
             }
             chunk.len += 1;
@@ -180,7 +185,7 @@ impl<S: Source> Reader<'_, '_, S> {
 struct Writer<'a> {
     output: Output<'a>,
     rows: &'a mut Rows,
-    /// Rest of the chunk from the first sample on whose output is invalid.
+    /// Rest of a chunk, beginning with a sample that has made the output invalid.
     rest: Vec<CheckedSample>,
 }
 
@@ -230,7 +235,7 @@ struct Pipeline<'a, 's, S> {
     changed: Condvar,
 }
 
-/// Parts and chunks that no worker uses at the moment.
+/// Parts and chunks that are not in use at the moment.
 struct State<'a, 's, S> {
     parts: [Option<Part<'a, 's, S>>; PARTS],
     /// Chunks that wait for each part.
@@ -281,7 +286,7 @@ impl<'a, 's, S: Source> State<'a, 's, S> {
         self.chunks[(index + 1) % PARTS].push_back(chunk);
     }
 
-    /// Returns `true` if no worker uses a part. Without a task, there will be none later.
+    /// Returns `true` if all parts are present. If no task can run, the work is then complete.
     fn is_idle(&self) -> bool {
         self.parts.iter().all(Option::is_some)
     }
@@ -299,7 +304,7 @@ impl<'a, 's, S: Source> Pipeline<'a, 's, S> {
         Self { state: Mutex::new(state), changed: Condvar::new() }
     }
 
-    /// Runs tasks until there are none.
+    /// Runs tasks until the work is complete.
     fn work(&self, worker: usize) {
         let _end = EndOnPanic(self);
         let mut state = self.lock();

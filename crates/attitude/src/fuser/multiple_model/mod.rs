@@ -67,8 +67,9 @@ const fn concat<const COUNT: usize>(first: &[Parameter], second: &[Parameter]) -
 
 /// Fuser stage `multiple-model`: `wz` and `aided` in parallel, with a selection between them.
 ///
-/// Each model keeps its own state. At a tick, [`WzModel`] receives the output of [`AidedModel`], but
-/// not the other way round. `AidedModel` can therefore be ahead, for example in another thread.
+/// Each model keeps its own state. At a tick, [`WzModel`] receives the output of [`AidedModel`],
+/// but not the other way round. [`AidedModel`] can therefore be ahead of it, for example in another
+/// thread.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct MultipleModel {
     aided: AidedModel,
