@@ -52,9 +52,10 @@ use plumbline_ahrs::{
 use super::rows::Rows;
 
 /// Samples per chunk. The hand-over of a chunk takes about as long as one sample.
-const CHUNK_SAMPLES: usize = 128;
-/// Chunks of a pipeline: one in each part, and one before each part.
-const CHUNKS: usize = 10;
+const CHUNK_SAMPLES: usize = 64;
+/// Chunks of a pipeline. They allow each part to be some chunks ahead of the next, so that a worker
+/// rarely waits.
+const CHUNKS: usize = 12;
 /// Minimum number of samples for which threads are started.
 ///
 /// The start of a thread takes as long as a few hundred samples.
