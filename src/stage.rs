@@ -182,9 +182,6 @@ fn test(slot: Option<Slot>, names: &[String], launch: &LaunchArgs, time: Option<
         bar.finish_and_clear();
         reports.push(result.or_fail(1)?);
     }
-    if reports.iter().any(|report| !report.left_out.is_empty()) {
-        notice("checks were left out for lack of time; to run all: --complete");
-    }
     for report in reports.iter().filter(|_| !json) {
         if print(&colored_results(report, 4)) != ExitCode::SUCCESS {
             return Ok(ExitCode::FAILURE);
@@ -195,6 +192,10 @@ fn test(slot: Option<Slot>, names: &[String], launch: &LaunchArgs, time: Option<
         if printed != ExitCode::SUCCESS {
             return Ok(printed);
         }
+    }
+    // The notice follows the results, so that it is the last line.
+    if reports.iter().any(|report| !report.left_out.is_empty()) {
+        notice("checks were left out for lack of time; to run all: --complete");
     }
     Ok(if reports.iter().all(Report::passed) { ExitCode::SUCCESS } else { ExitCode::FAILURE })
 }
