@@ -23,6 +23,8 @@ HEADER = struct.Struct("<HHIQ")
 def run(stage_class):
     """Runs a stage as a program until the service closes the socket."""
     _end_with_parent()
+    # A pipe would otherwise hold the lines until the end of the program.
+    sys.stdout.reconfigure(line_buffering=True)
     stage, (input_type, output_type, common_type) = stage_class(), SLOTS[stage_class.SLOT]
     handlers = {
         DESCRIBE: lambda payload: _description(stage).encode(),
