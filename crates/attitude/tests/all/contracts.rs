@@ -126,6 +126,39 @@ fn record_with_implausible_value_is_rejected() {
 }
 
 #[test]
+fn accepted_record_with_extreme_value_causes_no_panic() {
+    let inputs = s3();
+    for name in Fuser::NAMES {
+        let mut fuser = Fuser::from_name(name).unwrap();
+        for input in &inputs {
+            fuser.step(input);
+        }
+        let good = fuser.snapshot();
+        let mut accepted = 0;
+        for (index, value) in
+            (0..good.len).flat_map(|index| [1e300, -1e300, 1e15, 1e-300, 0.0].map(|value| (index, value)))
+        {
+            let mut bad = good;
+            bad.values[index] = value;
+            bad.checksum = bad.compute_checksum();
+            let mut restored = Fuser::from_name(name).unwrap();
+            if restored.restore(&bad).is_err() {
+                continue;
+            }
+            accepted += 1;
+            let steps = || {
+                for input in &inputs[..200] {
+                    restored.step(input);
+                }
+            };
+            let is_ok = std::panic::catch_unwind(std::panic::AssertUnwindSafe(steps)).is_ok();
+            assert!(is_ok, "{name}: value {index} of {} is {value:e}", good.len);
+        }
+        assert!(accepted > 0, "{name}");
+    }
+}
+
+#[test]
 fn first_field_sets_heading_and_later_ones_hold_it() {
     let attitude = Attitude::from_angles(Angles { yaw_rad: 2.0, pitch_rad: 0.4, roll_rad: -2.5 });
     // The attitude of the gyro slot has an arbitrary heading that drifts by 0.2 °/s.

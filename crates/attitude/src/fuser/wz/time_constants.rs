@@ -68,6 +68,8 @@ const REMAINING_BIAS_FRACTION: f64 = 0.1;
 /// Largest mean acceleration over T1, divided by g. It limits the effect of a clipped or broken
 /// accelerometer. At this acceleration, a body reaches 10 m/s within T1.
 const MAX_MEAN_ACCELERATION: f64 = 0.5;
+/// Largest leaky velocity of the reference loop, divided by g, s.
+const MAX_VELOCITY_S: f64 = MAX_MEAN_ACCELERATION * T1_S;
 /// Upper limit of T2 P/S, where P is the square of the estimated tilt error about one axis. The
 /// acceleration causes a tilt error with the variance S/(2 T2). With the value 2, the limit applies
 /// to tilt errors of more than two standard deviations.
@@ -155,13 +157,12 @@ impl TiltTimeConstant {
             .clamp(MIN_T2_S, MAX_T2_S)
             .min(INITIAL_T2_S.max(GROWTH * self.age_s));
         let max_change = libm::exp(interval_s / CHANGE_S);
-        self.t2_s = t2_s.clamp(self.t2_s / max_change, self.t2_s * max_change);
+        self.t2_s = limited(t2_s, self.t2_s / max_change, self.t2_s * max_change);
     }
 
     /// Updates the reference loop and returns the spectral density that its present tilt indicates,
     /// s.
     fn present_density_s(&mut self, acceleration: Complex<f64>, interval_s: f64) -> f64 {
-        const MAX_VELOCITY_S: f64 = MAX_MEAN_ACCELERATION * T1_S;
         let velocity_s = self.reference_velocity_s * libm::exp(-interval_s / T1_S) + acceleration * interval_s;
         let excess = libm::sqrt(velocity_s.norm_sqr()) / MAX_VELOCITY_S;
         self.reference_velocity_s = velocity_s / excess.max(1.0);
@@ -172,10 +173,20 @@ impl TiltTimeConstant {
 
     /// Returns the reason why the state is invalid, or `None` if it is valid.
     pub(super) fn validation_error(&self) -> Option<&'static str> {
-        let Self { t2_s, density_s, rate_variance_rad2_s2, memory_s, age_s, .. } = *self;
-        let in_range = (INITIAL_T2_S..=MAX_T2_S).contains(&t2_s) && age_s >= 0.0 && memory_s > 0.0;
-        (!in_range || density_s < 0.0 || rate_variance_rad2_s2 < 0.0)
-            .then_some("a time constant of the level out of range")
+        let Self { t2_s, reference_velocity_s, reference_tilt_rad, density_s, rate_variance_rad2_s2, memory_s, age_s } =
+            *self;
+        // Twice the limits that `update` keeps, because of rounding errors.
+        const MAX_DENSITY_S: f64 = 2.0 * REFERENCE_S * MAX_MEAN_ACCELERATION * MAX_MEAN_ACCELERATION;
+        const MAX_RATE_VARIANCE_RAD2_S2: f64 = 2.0 * MAX_RATE_RAD_S * MAX_RATE_RAD_S;
+        let in_range = (INITIAL_T2_S..=MAX_T2_S).contains(&t2_s)
+            && reference_velocity_s.norm_sqr() <= 2.0 * MAX_VELOCITY_S * MAX_VELOCITY_S
+            && reference_tilt_rad.norm_sqr() <= 2.0 * MAX_MEAN_ACCELERATION * MAX_MEAN_ACCELERATION
+            && (0.0..=MAX_DENSITY_S).contains(&density_s)
+            && (0.0..=MAX_RATE_VARIANCE_RAD2_S2).contains(&rate_variance_rad2_s2)
+            && (0.0..=MAX_T2_S / GROWTH).contains(&age_s)
+            && memory_s > 0.0
+            && memory_s <= MEMORY_S;
+        (!in_range).then_some("a time constant of the level out of range")
     }
 }
 
@@ -185,13 +196,18 @@ impl TiltTimeConstant {
 /// solution for σ = 0, can therefore overshoot the zero only in its first step. Each step changes T
 /// by a factor of at most 4.
 fn optimal_s(density: f64, walk2: f64, bias_variance: f64) -> f64 {
-    let mut t_s = libm::sqrt(density / walk2).clamp(MIN_T2_S, 100.0 * MAX_T2_S);
+    let mut t_s = limited(libm::sqrt(density / walk2), MIN_T2_S, 100.0 * MAX_T2_S);
     for _ in 0..NEWTON_STEPS {
         let slope = 0.5 * walk2 + 2.0 * bias_variance * t_s - density / (2.0 * t_s * t_s);
         let curvature = 2.0 * bias_variance + density / (t_s * t_s * t_s);
-        t_s = (t_s - slope / curvature.max(f64::MIN_POSITIVE)).clamp(0.25 * t_s, 4.0 * t_s);
+        t_s = limited(t_s - slope / curvature.max(f64::MIN_POSITIVE), 0.25 * t_s, 4.0 * t_s);
     }
     t_s
+}
+
+/// Returns the value in the range that is closest to `x`, or `min` if `x` is not a number.
+fn limited(x: f64, min: f64, max: f64) -> f64 {
+    x.max(min).min(max)
 }
 
 scalars!(
