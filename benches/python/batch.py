@@ -1,9 +1,10 @@
-"""Compares the CPU time of `update_batch` with that of the package vqf.
+"""Compares the time of `update_batch` with that of the batch of the package vqf.
 
     python3 benches/python/batch.py [RECORDING] [--rounds 9]
 
 Input: a recording with the columns t_s, gx … az, mx … mz; without one, the sample recording.
-Output: CPU time per sample, ns, and the ratio to vqf, medians over interleaved rounds.
+Output: elapsed time and CPU time of all threads per sample, ns, and their ratios to vqf. Medians
+over interleaved rounds.
 Failure: ends with the message of numpy if the recording is damaged.
 """
 
@@ -34,17 +35,22 @@ def main() -> None:
     filters: dict[str, Callable[[], object]] = {"vqf, 9 axes": lambda: VQF(dt_s).updateBatch(gyro, accel, field)}
     for stage in Ahrs.stages("fuser"):
         filters[stage] = lambda stage=stage: Ahrs(fuser=stage).update_batch(gyro, accel, field, dt_s)
-    times_ns: dict[str, list[float]] = {name: [] for name in filters}
+    times_ns: dict[str, list[tuple[float, float]]] = {name: [] for name in filters}
     for _ in range(arguments.rounds):
         for name, run in filters.items():
-            start_ns = time.thread_time_ns()
+            started_ns = (time.perf_counter_ns(), time.process_time_ns())
             run()
-            times_ns[name].append((time.thread_time_ns() - start_ns) / len(table))
-    first = next(iter(filters))
-    print("| filter | ns per sample | ratio to vqf |\n| --- | --- | --- |")
+            ended_ns = (time.perf_counter_ns(), time.process_time_ns())
+            elapsed, cpu = ((end - start) / len(table) for start, end in zip(started_ns, ended_ns))
+            times_ns[name].append((elapsed, cpu))
+    peer = times_ns[next(iter(filters))]
+    print("| filter | elapsed, ns | ratio to vqf | CPU, ns | ratio to vqf |\n| --- | --- | --- | --- | --- |")
     for name, times in times_ns.items():
-        ratio = statistics.median(own / peer for own, peer in zip(times, times_ns[first]))
-        print(f"| {name} | {statistics.median(times):.0f} | {ratio:.2f} |")
+        cells = [name]
+        for clock in range(2):
+            cells.append(f"{statistics.median(own[clock] for own in times):.0f}")
+            cells.append(f"{statistics.median(own[clock] / other[clock] for own, other in zip(times, peer)):.2f}")
+        print(f"| {' | '.join(cells)} |")
 
 
 if __name__ == "__main__":
