@@ -28,8 +28,8 @@ fn restarts(run: &Run, service: &str) -> u64 {
     services.iter().find(|one| one["name"] == service).unwrap()["restarts"].as_u64().unwrap()
 }
 
-/// Returns the restarts of a service except those after a silence. On a busy machine a service may be
-/// silent for so long that the supervisor kills it.
+/// Returns the restarts of a service except those after a silence. On a busy machine a service may
+/// be silent for so long that the supervisor kills it.
 fn restarts_without_silence(run: &Run, service: &str) -> u64 {
     let announced = format!("{service}: process ");
     let is_silence = |line: &&str| {
