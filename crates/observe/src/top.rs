@@ -279,12 +279,12 @@ fn format_row(visible: &[usize], cells: &[String; COLUMNS.len()]) -> String {
 
 /// Returns the cells of a row in which only the latencies are filled in.
 fn latency_cells(latency: Option<LatencyUs>) -> [String; COLUMNS.len()] {
-    let mut cells = [const { String::new() }; COLUMNS.len()];
-    let us = latency.map_or([None; 3], |LatencyUs { p50, p99, max }| [p50, p99, max].map(Some));
-    for (cell, us) in cells[5..8].iter_mut().zip(us) {
-        *cell = us.map_or("-".into(), |us| format!("{us:.0}"));
-    }
-    cells
+    let us = latency.map(|LatencyUs { p50, p99, max }| [p50, p99, max]);
+    std::array::from_fn(|i| match (i, us) {
+        (5..8, Some(us)) => format!("{:.0}", us[i - 5]),
+        (5..8, None) => "-".into(),
+        _ => String::new(),
+    })
 }
 
 impl ServiceRow {
