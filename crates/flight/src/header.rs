@@ -5,7 +5,6 @@ use std::{collections::BTreeMap, fs, path::PathBuf};
 use launch::Output;
 use runtime::ServiceConfig;
 use time::OffsetDateTime;
-use wire::channel::Clocks;
 
 /// Metadata at the start of a flight.
 #[derive(Debug, Clone)]
@@ -45,16 +44,16 @@ impl FlightHeader {
         }
     }
 
-    pub(crate) fn metadata(&self, clocks: Clocks) -> BTreeMap<String, String> {
+    pub(crate) fn metadata(&self, offset_ns: i64) -> BTreeMap<String, String> {
         let Self { version, system, host, launch_file, rate_hz, output, .. } = self;
         let entries = [
             ("version", Some((*version).to_owned())),
             ("system", Some(system.clone())),
             ("host", Some(host.clone())),
             ("launch_file", launch_file.as_ref().map(|path| path.to_string_lossy().into_owned())),
-            ("start_utc", Some(utc((now_ns(clocks) / 1_000_000_000).cast_signed(), ["-", "T", ":"]))),
+            ("start_utc", Some(utc((now_ns(offset_ns) / 1_000_000_000).cast_signed(), ["-", "T", ":"]))),
             ("rate_hz", Some(rate_hz.to_string())),
-            ("realtime_minus_monotonic_ns", Some(clocks.offset_ns.to_string())),
+            ("realtime_minus_monotonic_ns", Some(offset_ns.to_string())),
             ("world", Some("east, north, up if the course is true, otherwise rotated about the vertical".to_owned())),
             ("body", Some("forward, left, up".to_owned())),
             ("topics_frame", Some(Output::default().frame.name().to_owned())),
@@ -67,8 +66,8 @@ impl FlightHeader {
 
 /// Returns the current time on CLOCK_REALTIME in ns, computed with the clock offset of the
 /// recording.
-pub(crate) fn now_ns(clocks: Clocks) -> u64 {
-    runtime::clock::monotonic_ns().saturating_add_signed(clocks.offset_ns)
+pub(crate) fn now_ns(offset_ns: i64) -> u64 {
+    runtime::clock::monotonic_ns().saturating_add_signed(offset_ns)
 }
 
 /// Formats a Unix time in seconds. The separators are used within the date, between date and time,

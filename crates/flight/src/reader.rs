@@ -147,25 +147,29 @@ pub fn read_span(path: &Path) -> Result<Option<TickSpan>, FlightError> {
 /// Calls `visit` for each message in the order of recording. The arguments are the source time, the
 /// topic and the message bytes.
 ///
-/// If a topic has no ticks, its messages get the time of the latest message with a tick, or
-/// `i64::MIN` before the first such message. Unknown topics are skipped.
+/// References have the time of their sample. The messages of other topics without ticks get the
+/// time of the latest message with a tick, or `i64::MIN` before the first such message. Unknown
+/// topics are skipped.
 ///
 /// # Errors
 ///
 /// Returns an error if the file cannot be opened or is damaged, or if a message cannot be decoded.
 pub fn for_each_message(path: &Path, visit: &mut dyn FnMut(i64, Topic, &[u8])) -> Result<(), FlightError> {
-    let (mut records, mut channels, mut t_ns) = (Records::open(path)?, Channels::default(), None);
+    let (mut records, mut channels, mut newest_ns) = (Records::open(path)?, Channels::default(), i64::MIN);
     let error = records.find_map(&mut |record| {
         channels.observe(&record);
         let Record::Message { header, data } = record else { return None };
         let topic = channels.topic(header.channel_id)?;
+        let publish_ns = header.publish_time.cast_signed();
         if topic.entry().presence.is_ticked() {
-            t_ns = Some(header.publish_time.cast_signed());
+            newest_ns = publish_ns;
         }
+        // The recorder may receive a reference long after the sample of its tick.
+        let t_ns = if topic == Topic::Reference { publish_ns } else { newest_ns };
         match messages::dispatch!(topic, M => M::from_bytes(&data).map(|message| bytemuck::bytes_of(&message).to_vec()))
         {
             Ok(bytes) => {
-                visit(t_ns.unwrap_or(i64::MIN), topic, &bytes);
+                visit(t_ns, topic, &bytes);
                 None
             }
             Err(cause) => Some(cause),

@@ -24,7 +24,7 @@ use std::{
 use graph::{Presence, Topic};
 use runtime::clock::{monotonic_ns, realtime_offset_ns};
 use rustix::time::{ClockId, clock_gettime};
-use wire::channel::{Clocks, FieldOffsets, read_u64};
+use wire::channel::{FieldOffsets, read_u64};
 
 use crate::{
     FlightError, RecordingSummary,
@@ -129,14 +129,14 @@ impl Recorder {
         mode: RecordingMode,
     ) -> Result<Self, FlightError> {
         let file = ChunkFile::create(path)?;
-        let clocks = Clocks { offset_ns: realtime_offset_ns(), rate_hz: header.rate_hz };
+        let offset_ns = realtime_offset_ns();
         let (commands, receiver) = sync_channel(MAX_QUEUED_BATCHES);
         let (result_sender, result) = sync_channel(1);
         let failure = Arc::new(OnceLock::new());
         let run = {
             let (header, topics, failure, path) = (header.clone(), topics.to_vec(), failure.clone(), path.to_owned());
             move || {
-                let result = run_writer(file, &header, &topics, clocks, receiver, &path, &failure);
+                let result = run_writer(file, &header, &topics, offset_ns, receiver, &path, &failure);
                 // The recorder may have given up waiting for the result, so a send error is
                 // ignored.
                 let _ = result_sender.send(result);
@@ -268,7 +268,7 @@ fn run_writer(
     file: ChunkFile,
     header: &FlightHeader,
     topics: &[Topic],
-    clocks: Clocks,
+    offset_ns: i64,
     commands: Receiver<WriterCommand>,
     path: &Path,
     failure: &OnceLock<String>,
@@ -277,7 +277,7 @@ fn run_writer(
         // Only the first failure is reported.
         let _ = failure.set(write_error(path, &error).to_string());
     };
-    let mut writer = match Writer::create(file, path, header, topics, clocks) {
+    let mut writer = match Writer::create(file, path, header, topics, offset_ns) {
         Ok(writer) => writer,
         Err(error) => {
             record_failure(error);

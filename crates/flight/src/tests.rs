@@ -8,7 +8,7 @@ use mcap::{
     Compression, WriteOptions,
     records::{MessageHeader, Metadata},
 };
-use messages::{AttitudeOutput, Health, ImuSample};
+use messages::{AttitudeOutput, Health, ImuSample, Reference};
 
 use crate::{FlightError, FlightHeader, FlightInfo, Recorder, RecordingMode, info::AttachmentInfo};
 
@@ -72,6 +72,29 @@ fn recorded_messages_and_attachments_are_read_back() {
 
     let error = Recorder::create(&path, &header(), &TOPICS, RecordingMode::FromAnyTick).unwrap_err();
     assert!(matches!(error, FlightError::Exists { .. }), "{error}");
+}
+
+#[test]
+fn reference_received_late_has_time_of_its_sample() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("flight.mcap");
+    let topics = [Topic::Imu, Topic::Reference];
+    let mut recorder = Recorder::create(&path, &header(), &topics, RecordingMode::Lockstep).unwrap();
+    (0..100).for_each(|tick| recorder.record(Topic::Imu, &imu(tick)));
+    for tick in 0_u64..100 {
+        let t_end_ns = 10_000_000 * tick.cast_signed();
+        let reference = Reference { tick, t_end_ns, scored: 1, quaternion: [1.0, 0.0, 0.0, 0.0] };
+        recorder.record(Topic::Reference, bytemuck::bytes_of(&reference));
+    }
+    recorder.finish("test ended", None);
+    let mut times_ns = Vec::new();
+    let mut collect = |t_ns, topic, _: &[u8]| {
+        if topic == Topic::Reference {
+            times_ns.push(t_ns);
+        }
+    };
+    crate::reader::for_each_message(&path, &mut collect).unwrap();
+    assert_eq!(times_ns, (0..100).map(|tick| 10_000_000 * tick).collect::<Vec<_>>());
 }
 
 #[test]

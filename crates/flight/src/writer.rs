@@ -4,7 +4,7 @@
 //!
 //! Output: complete chunks of the file.
 //!
-//! Time: see [`Clocks`].
+//! Time: see [`Stamps`].
 //!
 //! Failure: no more data is written after the first error.
 
@@ -13,7 +13,7 @@ use std::{collections::BTreeMap, io, path::Path};
 use graph::Topic;
 use mcap::records::{AttachmentHeader, MessageHeader};
 use messages::layout;
-use wire::channel::{self, Clocks, Encoder, encode_for_viewers};
+use wire::channel::{self, Encoder, encode_for_viewers};
 
 use crate::{
     FlightError, Stamps,
@@ -38,7 +38,8 @@ pub(crate) const REPORT_ATTACHMENT: &str = "report.json";
 
 pub(crate) struct Writer {
     mcap: McapFile,
-    clocks: Clocks,
+    /// CLOCK_REALTIME minus CLOCK_MONOTONIC, measured once at the start, ns.
+    offset_ns: i64,
     channels: Vec<Channel>,
     /// Index into `channels` by topic.
     channel_indexes: Vec<Option<usize>>,
@@ -64,12 +65,12 @@ impl Writer {
         path: &Path,
         header: &FlightHeader,
         topics: &[Topic],
-        clocks: Clocks,
+        offset_ns: i64,
     ) -> io::Result<Self> {
         let library = format!("plumbline {}", header.version);
         let mut mcap = McapFile::create(file, path, &library)?;
-        mcap.write_metadata(HEADER_METADATA, &header.metadata(clocks))?;
-        let start_ns = now_ns(clocks);
+        mcap.write_metadata(HEADER_METADATA, &header.metadata(offset_ns))?;
+        let start_ns = now_ns(offset_ns);
         if let Some(launch) = &header.launch {
             mcap.attach(&attachment(LAUNCH_ATTACHMENT, "application/toml", start_ns), launch.as_bytes())?;
         }
@@ -94,16 +95,16 @@ impl Writer {
             });
         }
         mcap.flush()?;
-        Ok(Self { mcap, clocks, channels, channel_indexes, viewers, span_ns: None })
+        Ok(Self { mcap, offset_ns, channels, channel_indexes, viewers, span_ns: None })
     }
 
     /// Adds a message that arrived at `received_ns` (CLOCK_MONOTONIC) to the current chunk.
     pub(crate) fn write(&mut self, topic: Topic, bytes: &[u8], received_ns: u64) -> io::Result<()> {
-        let Self { mcap, clocks, channels, channel_indexes, viewers, span_ns } = self;
+        let Self { mcap, offset_ns, channels, channel_indexes, viewers, span_ns } = self;
         let Some(channel) = channel_indexes[topic as usize].and_then(|index| channels.get_mut(index)) else {
             return Ok(());
         };
-        let Some((data, stamps)) = channel.encoder.encode(bytes, received_ns, *clocks) else { return Ok(()) };
+        let Some((data, stamps)) = channel.encoder.encode(bytes, received_ns, *offset_ns) else { return Ok(()) };
         write_message(mcap, channel.id, stamps, &data)?;
         channel.messages += 1;
         let [first, last] = span_ns.unwrap_or([stamps.log_ns; 2]);
@@ -135,7 +136,7 @@ impl Writer {
         let entries = [("reason".to_owned(), reason.to_owned())];
         self.mcap.write_metadata(END_METADATA, &entries.into())?;
         if let Some(report) = report {
-            let end_ns = now_ns(self.clocks);
+            let end_ns = now_ns(self.offset_ns);
             self.mcap.attach(&attachment(REPORT_ATTACHMENT, "application/json", end_ns), report.as_bytes())?;
         }
         self.flush()?;

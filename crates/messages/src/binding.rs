@@ -27,8 +27,8 @@ macro_rules! bind_payload {
                 Self::struct_layout().with_topic($entry.name)
             }
 
-            fn source_time_ns(&self, rate_hz: f64) -> Option<i64> {
-                Self::SOURCE_TIME_NS(self, rate_hz)
+            fn source_time_ns(&self) -> Option<i64> {
+                Self::SOURCE_TIME_NS(self)
             }
         }
     };
@@ -44,8 +44,8 @@ macro_rules! bind_payload {
                 Self::struct_layout().with_topic($entry.name).with_header($crate::Header::layout())
             }
 
-            fn source_time_ns(&self, rate_hz: f64) -> Option<i64> {
-                Self::SOURCE_TIME_NS(self, rate_hz).or(Some(self.header.t_end_ns))
+            fn source_time_ns(&self) -> Option<i64> {
+                Self::SOURCE_TIME_NS(self).or(Some(self.header.t_end_ns))
             }
         }
 
@@ -154,7 +154,7 @@ mod tests {
 
         crate::layout::payload! {
             /// State of the brakes.
-            BrakeState = "plumbline.BrakeState.1" at (|state, _| Some(state.t_ns)) {
+            BrakeState = "plumbline.BrakeState.1" at (|state| Some(state.t_ns)) {
                 /// Time of the state, ns.
                 t_ns: i64,
             }
@@ -175,7 +175,7 @@ mod tests {
         assert_eq!(BrakeState::TOPIC.index, crate::graph::Topic::ALL.len() + 1);
         let mut sample: PressureSample = bytemuck::Zeroable::zeroed();
         sample.header_mut().t_end_ns = 5;
-        assert_eq!((sample.source_time_ns(1000.0), BrakeState { t_ns: 7 }.source_time_ns(1000.0)), (Some(5), Some(7)));
+        assert_eq!((sample.source_time_ns(), BrakeState { t_ns: 7 }.source_time_ns()), (Some(5), Some(7)));
     }
 
     #[test]

@@ -111,18 +111,18 @@ macro_rules! layout_struct {
 }
 
 /// Defines a payload. A payload that is not derived from a sample may define its time in ns on the
-/// source's clock with `at (|message, rate_hz| …)`.
+/// source's clock with `at (|message| …)`.
 macro_rules! payload {
     ($(#[doc = $description:literal])* $name:ident = $type_name:literal at ($time_ns:expr) $fields:tt) => {
         $crate::layout::layout_struct! { $(#[doc = $description])* $name = $type_name $fields }
 
         impl $name {
             pub(crate) const TYPE_NAME: &'static str = $type_name;
-            pub(crate) const SOURCE_TIME_NS: fn(&Self, f64) -> Option<i64> = $time_ns;
+            pub(crate) const SOURCE_TIME_NS: fn(&Self) -> Option<i64> = $time_ns;
         }
     };
     ($(#[doc = $description:literal])* $name:ident = $type_name:literal $fields:tt) => {
-        $crate::layout::payload! { $(#[doc = $description])* $name = $type_name at (|_, _| None) $fields }
+        $crate::layout::payload! { $(#[doc = $description])* $name = $type_name at (|_| None) $fields }
     };
 }
 

@@ -55,9 +55,7 @@ pub trait Message: bytemuck::Pod + core::fmt::Debug + Send + Sync {
 
     /// Returns the time of the message in ns on the source's clock, or `None` if it has no such
     /// time.
-    ///
-    /// `rate_hz` is the tick rate, used by messages that carry only a tick.
-    fn source_time_ns(&self, _rate_hz: f64) -> Option<i64> {
+    fn source_time_ns(&self) -> Option<i64> {
         None
     }
 }

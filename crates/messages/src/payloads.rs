@@ -107,7 +107,7 @@ named_values! {
 
 payload! {
     /// Unchecked reading of the sensors. Any value may be NaN.
-    SensorReading = "plumbline.SensorReading.1" at (|reading, _| Some(reading.t_sensor_ns)) {
+    SensorReading = "plumbline.SensorReading.1" at (|reading| Some(reading.t_sensor_ns)) {
         /// Sensor timestamp, ns.
         t_sensor_ns: i64,
         /// Body rate, rad/s.
@@ -182,9 +182,11 @@ payload! {
 
 payload! {
     /// True attitude at a tick, if the source provides it.
-    Reference = "plumbline.Reference.1" at (|reference, rate_hz| Some((reference.tick as f64 * 1e9 / rate_hz) as i64)) {
+    Reference = "plumbline.Reference.2" at (|reference| Some(reference.t_end_ns)) {
         /// Tick of the IMU sample.
         tick: u64,
+        /// End of the sample's interval on the source's clock, ns.
+        t_end_ns: i64,
         /// 1 if estimates are scored against this attitude, else 0.
         scored: u64,
         /// Rotation from body to reference, w x y z, unit quaternion.
@@ -201,7 +203,7 @@ payload! {
     /// Each incarnation of ingest reads a simulation or recording from the start. The same reading,
     /// with the same number, may therefore occur more than once. With sensors on the bus, `number`
     /// starts at 0 in each incarnation, while ticks and times continue from `tick` and `offset_ns`.
-    TakenReading = "plumbline.TakenReading.2" at (|reading, _| Some(reading.t_sensor_ns)) {
+    TakenReading = "plumbline.TakenReading.2" at (|reading| Some(reading.t_sensor_ns)) {
         /// Number of readings that this incarnation received before this one, including rejected
         /// ones.
         number: u64,

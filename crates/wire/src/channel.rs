@@ -82,9 +82,8 @@ pub struct FieldOffsets {
 /// Timestamps and sequence number of a message on a channel.
 ///
 /// `log_ns` is the time of publication on CLOCK_REALTIME: the message's `t_sent_ns`, or the time of
-/// reception if the message has none. This time is converted from CLOCK_MONOTONIC with
-/// [`Clocks::offset_ns`], which is measured only once. `log_ns` therefore never jumps, even if
-/// CLOCK_REALTIME is set.
+/// reception if the message has none. This time is converted from CLOCK_MONOTONIC with an offset
+/// that is measured only once. `log_ns` therefore never jumps, even if CLOCK_REALTIME is set.
 ///
 /// `source_ns` is the end of the sample's interval on the source's clock, or `log_ns` if the
 /// message has no source time.
@@ -105,22 +104,13 @@ pub struct Stamps {
 #[derive(Debug)]
 pub struct Encoder {
     offsets: FieldOffsets,
-    encode: fn(&[u8], f64) -> Option<Encoded>,
+    encode: fn(&[u8]) -> Option<Encoded>,
     count: u32,
 }
 
 /// Encoded message and its time in ns on the source's clock, or `None` if the message has no source
 /// time.
 type Encoded = (Vec<u8>, Option<i64>);
-
-/// Clock relations needed to stamp messages.
-#[derive(Debug, Clone, Copy)]
-pub struct Clocks {
-    /// CLOCK_REALTIME minus CLOCK_MONOTONIC, measured once at the start, ns.
-    pub offset_ns: i64,
-    /// Tick rate on the source's clock, Hz.
-    pub rate_hz: f64,
-}
 
 impl FieldOffsets {
     /// Looks up the offsets in the layout of a topic.
@@ -153,10 +143,12 @@ impl Encoder {
 
     /// Encodes a message that was received at `received_ns`, CLOCK_MONOTONIC.
     ///
+    /// `offset_ns` is CLOCK_REALTIME minus CLOCK_MONOTONIC, measured once at the start.
+    ///
     /// Returns `None` if the bytes are not a message of the topic.
-    pub fn encode(&mut self, bytes: &[u8], received_ns: u64, clocks: Clocks) -> Option<(Vec<u8>, Stamps)> {
-        let (data, source_ns) = (self.encode)(bytes, clocks.rate_hz)?;
-        let log_ns = self.sent_ns(bytes, received_ns).saturating_add_signed(clocks.offset_ns);
+    pub fn encode(&mut self, bytes: &[u8], received_ns: u64, offset_ns: i64) -> Option<(Vec<u8>, Stamps)> {
+        let (data, source_ns) = (self.encode)(bytes)?;
+        let log_ns = self.sent_ns(bytes, received_ns).saturating_add_signed(offset_ns);
         let source_ns = source_ns.map_or(log_ns, |source_ns| u64::try_from(source_ns).unwrap_or(0));
         let tick = self.offsets.tick.and_then(|offset| read_u64(bytes, offset));
         let sequence = tick.map_or(self.count, |tick| tick as u32);
@@ -193,9 +185,9 @@ pub fn read_u64(bytes: &[u8], offset: usize) -> Option<u64> {
     Some(u64::from_ne_bytes(bytes.get(offset..offset + 8)?.try_into().ok()?))
 }
 
-fn encode_message<M: Payload>(bytes: &[u8], rate_hz: f64) -> Option<Encoded> {
+fn encode_message<M: Payload>(bytes: &[u8]) -> Option<Encoded> {
     let message: M = bytemuck::try_pod_read_unaligned(bytes).ok()?;
-    Some((message.to_bytes(), message.source_time_ns(rate_hz)))
+    Some((message.to_bytes(), message.source_time_ns()))
 }
 
 #[cfg(test)]
@@ -213,7 +205,7 @@ mod tests {
         assert!(encode_for_viewers(LOCATION_CHANNEL, bytemuck::bytes_of(&fix), 7).is_none());
     }
 
-    const CLOCKS: Clocks = Clocks { offset_ns: 1_000_000, rate_hz: 100.0 };
+    const OFFSET_NS: i64 = 1_000_000;
 
     #[test]
     fn sample_has_publication_time_source_time_and_tick() {
@@ -222,7 +214,7 @@ mod tests {
         (sample.header.t_start_ns, sample.header.t_end_ns) = (-10, -5);
         sample.force_m_s2 = [0.0, 0.5, 9.81];
         let (data, stamps) =
-            Encoder::new(Topic::Imu).encode(bytemuck::bytes_of(&sample), 99, CLOCKS).expect("a sample");
+            Encoder::new(Topic::Imu).encode(bytemuck::bytes_of(&sample), 99, OFFSET_NS).expect("a sample");
         assert_eq!(stamps, Stamps { log_ns: 1_000_042, source_ns: 0, sequence: 7 });
         assert_eq!(ImuSample::from_bytes(&data).unwrap(), sample);
     }
@@ -232,9 +224,9 @@ mod tests {
         let health: Health = bytemuck::Zeroable::zeroed();
         let mut encoder = Encoder::new(Topic::Health);
         for sequence in 0..3 {
-            let (_, stamps) = encoder.encode(bytemuck::bytes_of(&health), 7, CLOCKS).expect("a message");
+            let (_, stamps) = encoder.encode(bytemuck::bytes_of(&health), 7, OFFSET_NS).expect("a message");
             assert_eq!(stamps, Stamps { log_ns: 1_000_007, source_ns: 1_000_007, sequence });
         }
-        assert!(encoder.encode(&[0; 3], 7, CLOCKS).is_none());
+        assert!(encoder.encode(&[0; 3], 7, OFFSET_NS).is_none());
     }
 }

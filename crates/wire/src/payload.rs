@@ -88,7 +88,7 @@ payloads! {
     ImuSample { header, rate_rad_s, force_m_s2 };
     MagSample { header, field_ut };
     GnssFix { header, velocity_m_s } unchecked { velocity_sd_m_s, age_s, latitude_rad, longitude_rad, altitude_m };
-    Reference { tick, scored, quaternion };
+    Reference { tick, t_end_ns, scored, quaternion };
     TakenReading { number, tick, t_sensor_ns, offset_ns } unchecked {
         rate_rad_s, force_m_s2, field_ut, velocity_m_s, velocity_sd_m_s, age_s, latitude_rad, longitude_rad,
         altitude_m, quaternion, present, incarnation

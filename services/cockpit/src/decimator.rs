@@ -241,8 +241,8 @@ mod tests {
         for reference_first in [true, false] {
             let mut decimator = Decimator::default();
             let estimate = attitude(7, rotated(0.3));
-            let reference = Reference { tick: 7, scored: 1, quaternion: rotated(0.1) };
-            let other = Reference { tick: 8, scored: 1, quaternion: rotated(2.0) };
+            let reference = Reference { tick: 7, t_end_ns: 0, scored: 1, quaternion: rotated(0.1) };
+            let other = Reference { tick: 8, t_end_ns: 0, scored: 1, quaternion: rotated(2.0) };
             decimator.push(Topic::Reference, bytemuck::bytes_of(&other));
             if reference_first {
                 decimator.push(Topic::Reference, bytemuck::bytes_of(&reference));

@@ -93,7 +93,6 @@ fn unordered<M: Payload>(context: &ServiceContext, rate: TopicRate) -> Result<Bo
 struct Tap<M: Payload, O> {
     subscriber: Subscriber<M>,
     buffer: usize,
-    rate_hz: f64,
     order: O,
     decimator: Decimator,
     selected: Vec<M>,
@@ -108,7 +107,6 @@ impl<M: Payload, O> Tap<M, O> {
         Ok(Self {
             subscriber: context.bus.subscriber(buffer)?,
             buffer,
-            rate_hz: context.config.rate_hz,
             order,
             decimator: Decimator::new(rate),
             selected: Vec::new(),
@@ -121,11 +119,11 @@ impl<M: Payload, O> Tap<M, O> {
 
 impl<M: Payload, O: FnMut(M, &mut dyn FnMut(M, u64))> TopicTap for Tap<M, O> {
     fn poll(&mut self, queue: &Queue) -> Result<(), BusError> {
-        let Self { subscriber, buffer, rate_hz, order, decimator, selected, samples, decimated, overwritten } = self;
+        let Self { subscriber, buffer, order, decimator, selected, samples, decimated, overwritten } = self;
         subscriber.drain(*buffer, |message| {
             order(message, &mut |message, missing| {
                 *overwritten += missing;
-                let time_ns = message.source_time_ns(*rate_hz).unwrap_or_else(|| monotonic_ns().cast_signed());
+                let time_ns = message.source_time_ns().unwrap_or_else(|| monotonic_ns().cast_signed());
                 match decimator.accept(time_ns) {
                     true => selected.push(message),
                     false => *decimated += 1,

@@ -19,7 +19,7 @@ use bus::{BusError, Publisher, Subscriber};
 use bytemuck::Zeroable as _;
 use launch::Service;
 use messages::{
-    Checkpoint, Credit, Flags, GnssFix, Health, ImuSample, MagSample, Message, Reference, SensorReading, State,
+    Checkpoint, Credit, Flags, GnssFix, Header, Health, ImuSample, MagSample, Message, Reference, SensorReading, State,
 };
 use readings::{
     conditioner,
@@ -336,8 +336,8 @@ impl Ingest {
     fn publish(&mut self, sample: Sample) -> Result<(), IngestError> {
         let Sample { mut imu, mag, gnss, reference } = sample;
         if let Some(Truth { quaternion, scored }) = reference {
-            let tick = imu.header.tick;
-            self.reference.send(&Reference { tick, scored: scored.into(), quaternion })?;
+            let Header { tick, t_end_ns, .. } = imu.header;
+            self.reference.send(&Reference { tick, t_end_ns, scored: scored.into(), quaternion })?;
         }
         self.flags |= imu.header.flags;
         self.context.stamp(&mut imu.header);

@@ -11,7 +11,7 @@ use drivers::{
     standard_input::{Next, StandardInput},
 };
 use launch::{Service, Source};
-use messages::{FusedState, ReceiverReading, Reference};
+use messages::{FusedState, Header, ReceiverReading, Reference};
 use pipeline::{AttitudeFile, Collector, Path};
 use readings::{
     conditioner::{Conditioner, Sample},
@@ -210,7 +210,8 @@ fn pump(
         sample.imu.header.t_born_ns = monotonic_ns();
         sample.imu.header.epoch = runtime::service_config::FIRST_EPOCH;
         if let Some(Truth { quaternion, scored }) = sample.reference {
-            collector.record_reference(Reference { tick: sample.imu.header.tick, scored: scored.into(), quaternion });
+            let Header { tick, t_end_ns, .. } = sample.imu.header;
+            collector.record_reference(Reference { tick, t_end_ns, scored: scored.into(), quaternion });
         }
         view.announce(checker.check(&sample.imu, sample.mag.as_ref()));
         let mut collect_fused = |state: &FusedState| {

@@ -92,7 +92,7 @@ impl<'a> MessageWriter<'a> {
             self.write(tick, t_ns, &MagSample { header, field_ut })?;
         }
         if let Some(recording::Reference { quaternion, scored }) = reference {
-            self.write(tick, t_ns, &Reference { tick, scored: scored.into(), quaternion })?;
+            self.write(tick, t_ns, &Reference { tick, t_end_ns: t_ns, scored: scored.into(), quaternion })?;
         }
         self.write(tick, t_ns, &ImuSample { header, rate_rad_s, force_m_s2 })
     }

@@ -8,7 +8,7 @@ use std::{cell::Cell, path::PathBuf};
 
 use attitude::Quaternion;
 use launch::{Launch, Source};
-use messages::{AttitudeOutput, CourseReference, FusedState, Reference};
+use messages::{AttitudeOutput, CourseReference, FusedState, Header, Reference};
 use pipeline::{AttitudeFile, Collector, compared_attitude};
 use rayon::prelude::*;
 use readings::conditioner::Sample;
@@ -175,9 +175,9 @@ impl ChainRun {
 
     pub(crate) fn process(&mut self, sample: &Sample, truth: Option<&Truth>) -> Result<(), ScoreError> {
         let Self { source, collector, stats, files, outputs, newest } = self;
-        let tick = sample.imu.header.tick;
-        if let Some(truth) = truth {
-            collector.record_reference(Reference { tick, scored: truth.scored.into(), quaternion: truth.quaternion });
+        let Header { tick, t_end_ns, .. } = sample.imu.header;
+        if let Some(&Truth { quaternion, scored, .. }) = truth {
+            collector.record_reference(Reference { tick, t_end_ns, scored: scored.into(), quaternion });
         }
         outputs.clear();
         match source {

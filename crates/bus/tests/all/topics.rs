@@ -404,7 +404,7 @@ struct Later {
 
 impl Message for Later {
     const TOPIC: &'static Entry = Reference::TOPIC;
-    const TYPE: &'static str = "plumbline.Reference.2";
+    const TYPE: &'static str = "plumbline.Reference.3";
 
     fn layout() -> Layout {
         let fields = vec![Field { name: "tick", kind: "u64", offset: 0, description: "" }];

@@ -4,7 +4,7 @@ use std::path::{Path, PathBuf};
 use attitude::{Vector3, gyro::RateKind};
 use calibrate::{Kind, Prior, Sample};
 use launch::{Launch, Source};
-use messages::Reference;
+use messages::{Header, Reference};
 use pipeline::Collector;
 use readings::source::Reading;
 use runtime::{Pace, ServiceConfig};
@@ -81,8 +81,9 @@ fn score_deg(trial: &Trial, readings: &[Reading], block: &str) -> f64 {
     for reading in readings {
         let Some(sample) = conditioner.condition(reading) else { continue };
         if let Some(reference) = sample.reference {
-            let (tick, scored) = (sample.imu.header.tick, reference.scored.into());
-            collector.record_reference(Reference { tick, scored, quaternion: reference.quaternion });
+            let Header { tick, t_end_ns, .. } = sample.imu.header;
+            let (scored, quaternion) = (reference.scored.into(), reference.quaternion);
+            collector.record_reference(Reference { tick, t_end_ns, scored, quaternion });
         }
         path.offer(sample, &mut |output| collector.record_attitude(&output)).unwrap();
     }

@@ -188,6 +188,8 @@ pub struct Reference {
     pub scored: u64,
     #[prost(message, optional, tag = "3")]
     pub quaternion: ::core::option::Option<Quaternion>,
+    #[prost(sint64, tag = "4")]
+    pub t_end_ns: i64,
 }
 #[derive(Clone, Copy, PartialEq, ::prost::Message)]
 pub struct TakenReading {

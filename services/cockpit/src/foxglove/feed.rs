@@ -11,7 +11,7 @@ use axum::body::Bytes;
 use graph::Topic;
 use runtime::clock::{monotonic_ns, realtime_offset_ns};
 use tokio::sync::broadcast;
-use wire::channel::{Channel, Clocks, Encoder, channels, encode_for_viewers};
+use wire::channel::{Channel, Encoder, channels, encode_for_viewers};
 
 use crate::{foxglove::rate_limit::RateLimit, local_system::observed_topics, source::SourceState};
 
@@ -97,7 +97,8 @@ impl Broadcaster {
 #[derive(Debug)]
 pub(crate) struct Feed {
     broadcaster: Arc<Broadcaster>,
-    clocks: Clocks,
+    /// CLOCK_REALTIME minus CLOCK_MONOTONIC, measured once at the start, ns.
+    offset_ns: i64,
     topic_feeds: Vec<Option<TopicFeed>>,
     /// `true` if the source has stopped since it was last live; `None` until it is live for the
     /// first time.
@@ -124,15 +125,12 @@ impl Feed {
             let (encoder, rate_limit) = (Encoder::new(topic), RateLimit::for_topic(topic));
             topic_feeds[topic as usize] = Some(TopicFeed { encoder, rate_limit, newest_ns: 0, channels });
         }
-        // The rate is not needed, because it only serves to compute source times, which are not
-        // used here.
-        let clocks = Clocks { offset_ns: realtime_offset_ns(), rate_hz: 0.0 };
-        Self { broadcaster, clocks, topic_feeds, has_stopped: None }
+        Self { broadcaster, offset_ns: realtime_offset_ns(), topic_feeds, has_stopped: None }
     }
 
     /// Publishes a message of `topic` that was received at `received_ns` on CLOCK_MONOTONIC.
     pub(crate) fn push(&mut self, topic: Topic, bytes: &[u8], received_ns: u64) {
-        let Self { broadcaster, clocks, topic_feeds, .. } = self;
+        let Self { broadcaster, offset_ns, topic_feeds, .. } = self;
         let Some(topic_feed) = &mut topic_feeds[topic as usize] else { return };
         if !topic_feed.channels.iter().any(|channel| broadcaster.has_subscribers(*channel)) {
             return;
@@ -146,7 +144,7 @@ impl Feed {
         if !topic_feed.rate_limit.as_mut().is_none_or(|limit| limit.admit(sent_ns)) {
             return;
         }
-        let Some((data, stamps)) = topic_feed.encoder.encode(bytes, received_ns, *clocks) else { return };
+        let Some((data, stamps)) = topic_feed.encoder.encode(bytes, received_ns, *offset_ns) else { return };
         let (data, session) = (Bytes::from(data), broadcaster.session());
         for index in topic_feed.channels.iter().copied().filter(|index| broadcaster.has_subscribers(*index)) {
             let Channel { name, is_for_viewers, .. } = &broadcaster.channels[index];

@@ -141,11 +141,11 @@ impl Source for Bag<'_> {
                 Kind::Pose | Kind::ChildPose => {
                     ros::attitude(topic.kind, &data, &self.convention).map(|attitude| (attitude.t_ns, None))
                 }
+                Kind::PlumblineReference => plumbline::reference(&data).map(|attitude| (attitude.t_ns, None)),
                 // The times of these messages are not used.
-                Kind::PlumblineReference | Kind::NavSatFix => None,
+                Kind::NavSatFix => None,
             };
             let is_valid = match topic.kind {
-                Kind::PlumblineReference => plumbline::reference(&data).is_some(),
                 Kind::NavSatFix => ros::position(&data).is_some(),
                 _ => sample.is_some(),
             };
@@ -175,7 +175,7 @@ impl Source for Bag<'_> {
         let position = topics.select(Role::Position, &mut Vec::new()).cloned();
         let reference = match &rows {
             Some(MotionTopics { rate, .. }) if rate.kind == Kind::PlumblineImu => {
-                topics.select(Role::Reference, &mut notes).map(|reference| vec![rate.clone(), reference.clone()])
+                topics.select(Role::Reference, &mut notes).map(|reference| vec![reference.clone()])
             }
             Some(MotionTopics { rate, .. }) => {
                 let has_attitudes = topics.has_attitudes(rate);
@@ -259,12 +259,8 @@ impl Source for Bag<'_> {
     fn reference_attitudes(&self) -> Result<Samples<'_, Attitude>, ImportError> {
         let topics = self.selection.as_ref().map_or_else(Vec::new, |selection| selection.reference.clone());
         let (convention, uses_log_times) = (self.convention, self.uses_log_times());
-        let mut join = plumbline::ReferenceJoin::default();
-        let mut decode = move |Message { topic, log_ns, data }: &Message| match topic.kind {
-            Kind::PlumblineImu => {
-                plumbline::inertial(data).and_then(|(tick, sample)| join.push_sample(tick, sample.t_ns))
-            }
-            Kind::PlumblineReference => plumbline::reference(data).and_then(|reference| join.push_reference(reference)),
+        let decode = move |Message { topic, log_ns, data }: &Message| match topic.kind {
+            Kind::PlumblineReference => plumbline::reference(data),
             kind => {
                 let attitude = match kind {
                     Kind::Imu => ros::inertial(data, &convention)?.attitude?,
@@ -332,7 +328,7 @@ impl Bag<'_> {
     fn inertial(&self, topic: &Topic, data: &[u8]) -> Option<InertialSample> {
         match topic.kind {
             Kind::Imu => ros::inertial(data, &self.convention),
-            Kind::PlumblineImu => plumbline::inertial(data).map(|(_, inertial)| inertial),
+            Kind::PlumblineImu => plumbline::inertial(data),
             _ => None,
         }
     }

@@ -53,7 +53,7 @@ fn flight() -> (Vec<u8>, Vec<Row>) {
         let field_ut = (tick % 5 == 2).then_some([20.0 * fraction, 1.0 / 3.0, -40.0]);
         let quaternion = if tick % 2 == 0 { [HALF, 0.0, HALF, 0.0] } else { [1.0, 0.0, 0.0, 0.0] };
         let scored = u64::from(tick % 3 == 0);
-        let reference = Reference { tick, scored, quaternion };
+        let reference = Reference { tick, t_end_ns: t_ns, scored, quaternion };
         if tick % 4 == 0 {
             flight.write("/reference", &reference);
         }

@@ -121,7 +121,7 @@ random_messages! {
     ImuSample { header: header, rate_rad_s: finite_array, force_m_s2: finite_array }
     MagSample { header: header, field_ut: finite_array }
     GnssFix { header: header, velocity_m_s: finite_array, velocity_sd_m_s: finite_or_nan, age_s: finite_or_nan, latitude_rad: finite_or_nan, longitude_rad: finite_or_nan, altitude_m: finite_or_nan }
-    Reference { tick: next_u64, scored: next_u64, quaternion: quaternion }
+    Reference { tick: next_u64, t_end_ns: next_i64, scored: next_u64, quaternion: quaternion }
     TakenReading {
         number: next_u64, tick: next_u64, t_sensor_ns: next_i64, offset_ns: next_i64, rate_rad_s: finite_or_nan_array, force_m_s2: finite_or_nan_array,
         field_ut: finite_or_nan_array, velocity_m_s: finite_or_nan_array, velocity_sd_m_s: finite_or_nan, age_s: finite_or_nan, latitude_rad: finite_or_nan, longitude_rad: finite_or_nan, altitude_m: finite_or_nan,
