@@ -16,7 +16,7 @@ use crate::{BusError, SystemName, Tap, limits::MAX_OBSERVERS, session::ObserverS
 pub struct Observer {
     session: Rc<ObserverSession>,
     node: Option<Node<ipc::Service>>,
-    _lock: File,
+    _place: Place,
 }
 
 impl Observer {
@@ -27,14 +27,14 @@ impl Observer {
     /// Fails if the system is not running or has [`MAX_OBSERVERS`] observers.
     pub fn attach(system_name: &SystemName, process_name: &str) -> Result<Self, BusError> {
         let (session, run_lock) = ObserverSession::open(system_name)?;
-        let lock = lock_free_place(system_name)?;
+        let place = lock_free_place(system_name)?;
         // Frees the ports of killed observers. An error is ignored, because the supervisor also
         // frees these ports and retries.
         let _ = system_name.remove_dead_nodes();
         system_name.remove_incomplete_connections();
         let node = topic::create_node(system_name, process_name)?;
         drop(run_lock);
-        Ok(Self { session: Rc::new(session), node: Some(node), _lock: lock })
+        Ok(Self { session: Rc::new(session), node: Some(node), _place: place })
     }
 
     /// Subscribes to a topic, starting with its next message.
@@ -65,12 +65,25 @@ impl Drop for Observer {
     }
 }
 
-/// Locks a free lock file for an observer. The lock is held as long as the returned file is open.
-fn lock_free_place(system_name: &SystemName) -> Result<File, BusError> {
+/// Locked lock file of an observer, one of [`MAX_OBSERVERS`].
+#[derive(Debug)]
+struct Place(File);
+
+impl Drop for Place {
+    fn drop(&mut self) {
+        // Closing the file is not sufficient: a child process that another thread has just forked
+        // keeps the lock until it executes its program. An error is ignored, because the lock ends
+        // when the last copy of the file is closed.
+        let _ = flock(&self.0, FlockOperation::Unlock);
+    }
+}
+
+/// Locks a free lock file for an observer.
+fn lock_free_place(system_name: &SystemName) -> Result<Place, BusError> {
     for number in 0..MAX_OBSERVERS {
         let file = system_name.open_observer_lock(number)?;
         if flock(&file, FlockOperation::NonBlockingLockExclusive).is_ok() {
-            return Ok(file);
+            return Ok(Place(file));
         }
     }
     Err(BusError::TooManyObservers { name: system_name.name().into(), pids: system_name.observer_pids() })

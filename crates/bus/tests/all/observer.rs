@@ -4,7 +4,7 @@ use std::{
     os::unix::fs::PermissionsExt,
     path::PathBuf,
     process::Command,
-    sync::atomic::{AtomicU32, Ordering},
+    sync::atomic::{AtomicBool, AtomicU32, Ordering},
 };
 
 use bus::{Bus, BusError, Claim, MAX_OBSERVERS, Observer, Publisher, StaleResources, SystemLiveness, SystemName};
@@ -87,6 +87,23 @@ fn observer_limit_is_enforced_and_places_are_reused() {
     assert!(matches!(refused, BusError::TooManyObservers { .. }), "{refused}");
     observers.pop();
     Observer::attach(system_name, "test").unwrap();
+}
+
+#[test]
+fn place_is_free_although_other_thread_forks() {
+    let System { system_name, .. } = &system();
+    let _others: Vec<_> = (1..MAX_OBSERVERS).map(|_| Observer::attach(system_name, "test").unwrap()).collect();
+    let has_ended = AtomicBool::new(false);
+    std::thread::scope(|scope| {
+        scope.spawn(|| {
+            while !has_ended.load(Ordering::Relaxed) {
+                assert!(Command::new("true").status().unwrap().success());
+            }
+        });
+        let attached = (0..200).try_for_each(|_| Observer::attach(system_name, "test").map(drop));
+        has_ended.store(true, Ordering::Relaxed);
+        attached.unwrap();
+    });
 }
 
 #[test]
