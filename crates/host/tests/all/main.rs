@@ -11,7 +11,10 @@ use attitude::{
 use host::{HostError, HostedStage};
 use launch::{ExternalStage, Slot};
 
-const TIMEOUT: Duration = Duration::from_millis(300);
+/// Timeout of programs that respond. Only a heavily loaded machine needs most of it.
+const TIMEOUT: Duration = Duration::from_secs(30);
+/// Timeout of a program that does not respond.
+const HANG_TIMEOUT: Duration = Duration::from_secs(2);
 
 /// Accelerometer stage that stores the number of its steps as its state. The third step causes
 /// `fault`.
@@ -29,7 +32,8 @@ while request := requests.recv(16384):
         steps += 1.0
         numbers = [0.0, 0.0, 0.0, *struct.unpack("<3d", request[16:]), steps, 0.5]
         if steps == 3.0:
-            if fault == "dies": sys.exit(7)
+            # The socket stays open until the process has ended, so that its status is known in time.
+            if fault == "dies": os._exit(7)
             if fault == "leaves" and os.fork(): os._exit(7)
             if fault in ("hangs", "leaves"): time.sleep(3600)
             if fault == "forks" and os.fork() == 0: sys.stdin.close(); requests.close(); time.sleep(3600)
@@ -51,7 +55,8 @@ while request := requests.recv(16384):
 
 fn start(fault: &str) -> Result<HostedStage<Accelerometer>, HostError> {
     let command = ["python3", "-c", PROGRAM, fault].map(String::from).into();
-    HostedStage::start("own", &ExternalStage { slot: Slot::Accel, command, folder: ".".into() }, TIMEOUT)
+    let timeout = if fault == "hangs" { HANG_TIMEOUT } else { TIMEOUT };
+    HostedStage::start("own", &ExternalStage { slot: Slot::Accel, command, folder: ".".into() }, timeout)
 }
 
 fn steps(stage: &mut HostedStage<Accelerometer>) -> f64 {
