@@ -38,7 +38,10 @@ pub struct KillCampaign {
 /// Result of a kill campaign.
 #[derive(Debug, Clone, Serialize)]
 pub struct KillCampaignReport {
-    /// Number of kills that were followed by a new attitude.
+    /// Number of kills that were requested.
+    pub requested: u32,
+    /// Number of kills that were followed by a new attitude. On a loaded machine a service may not
+    /// have restarted yet when it is to be killed again.
     pub kills: u32,
     /// Number of ticks with an attitude.
     pub ticks: u64,
@@ -88,6 +91,7 @@ impl KillCampaign {
         };
         let undisturbed = crate::run_undisturbed(&name, &text, duration_s)?;
         Ok(KillCampaignReport {
+            requested: count,
             kills: recovery_ns.len() as u32,
             ticks: totals.ticks_out,
             lost: totals.lost,
@@ -108,10 +112,13 @@ impl KillCampaignReport {
 
 impl fmt::Display for KillCampaignReport {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let Self { kills, ticks, lost, duplicated, same_bytes, recovery_ms } = self;
+        let Self { requested, kills, ticks, lost, duplicated, same_bytes, recovery_ms } = self;
         let bytes = if *same_bytes { "identical to an undisturbed run" } else { "NOT identical to an undisturbed run" };
-        let (kills, ticks) = (pluralize((*kills).into(), "kill"), pluralize(*ticks, "tick"));
-        writeln!(f, "{kills} in {ticks}: lost {lost}, duplicated {duplicated}, {bytes}")?;
+        let (requested, ticks) = (pluralize((*requested).into(), "kill"), pluralize(*ticks, "tick"));
+        writeln!(f, "{kills} of {requested} in {ticks}: lost {lost}, duplicated {duplicated}, {bytes}")?;
+        if !same_bytes {
+            writeln!(f, "a restart that takes longer than lateness_s of the launch file changes the output")?;
+        }
         write!(f, "time from a kill to the next attitude: {recovery_ms}")
     }
 }
