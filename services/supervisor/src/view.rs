@@ -89,11 +89,12 @@ impl View {
             });
         } else if is_new_line {
             let share = self.ticks.map_or(String::new(), |all| format!(" of {all}"));
-            self.announce([format!(
-                "tick {}{share}: {attitude}; {error}; {}",
-                collector.next_tick(),
-                self.flow(collector)
-            )]);
+            self.announce([match collector.last() {
+                Some(_) => {
+                    format!("tick {}{share}: {attitude}; {error}; {}", collector.next_tick(), self.flow(collector))
+                }
+                None => attitude,
+            }]);
         }
     }
 
