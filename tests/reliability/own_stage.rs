@@ -465,6 +465,21 @@ fn invalid_output_resets_stage_and_is_flagged() {
 }
 
 #[test]
+fn errors_of_python_stage_are_printed_up_to_a_limit() {
+    let system = system_with_stage("python3", &format!("{SIM}[fuser]\nstage = \"my-fuser\"\n"));
+    let path = system.path("my-fuser/my_fuser.py");
+    let text = fs::read_to_string(&path).unwrap();
+    let line = "        attitude, started = self.state\n";
+    assert!(text.contains(line));
+    let failure = "        if started:\n            raise RuntimeError(\"on purpose\")\n";
+    fs::write(&path, text.replace(line, &format!("{line}{failure}"))).unwrap();
+    let run = system.run(&["--in-process", "--for", "2s"]);
+    assert!(run.line("flags").contains("reset"), "{}", run.stderr);
+    assert_eq!(run.stderr.matches("RuntimeError: on purpose").count(), 10, "{}", run.stderr);
+    assert!(run.stderr.contains("further errors of the stage are not printed"), "{}", run.stderr);
+}
+
+#[test]
 fn permanent_failure_stops_system_if_configured() {
     // With these limits, a program that exits has enough time to report the reason.
     let rule = "[restart]\nsilence_s = 2\nmin_uptime_s = 60\nlimit = 1\nbackoff_s = 0\non_limit = \"stop\"\n";

@@ -18,6 +18,8 @@ VERSION = 2
 DESCRIBE, SET, STEP, SNAPSHOT, RESTORE, COMMON, ADOPT, ALIGN, REALIGN = range(1, 10)
 # Version, kind, status (1 if rejected), request number.
 HEADER = struct.Struct("<HHIQ")
+# A stage that fails in every step would fill the log.
+MAX_TRACEBACKS = 10
 
 
 def run(stage_class):
@@ -41,6 +43,7 @@ def run(stage_class):
         requests = socket.socket(fileno=0)
     except OSError as error:
         sys.exit(f"socket on standard input: {error}; Plumbline starts the stage, try `plumb stage test`")
+    tracebacks = 0
     while request := requests.recv(16384):
         version, kind, _, number = HEADER.unpack_from(request)
         if version != VERSION:
@@ -48,8 +51,11 @@ def run(stage_class):
         try:
             rejected, response = 0, handlers[kind](request[HEADER.size :]) or b""
         except Exception as error:
-            if kind == STEP or not isinstance(error, ValueError):
+            if (kind == STEP or not isinstance(error, ValueError)) and tracebacks < MAX_TRACEBACKS:
                 traceback.print_exc()
+                tracebacks += 1
+                if tracebacks == MAX_TRACEBACKS:
+                    print("further errors of the stage are not printed", file=sys.stderr)
             rejected, response = 1, b""
         requests.send(HEADER.pack(VERSION, kind, rejected, number) + response)
 
