@@ -35,6 +35,8 @@ pub struct Decimator {
     references: Vec<Option<Reference>>,
     /// Ticks and quaternions of the attitudes since the last snapshot.
     attitudes: Vec<(u64, [f64; 4])>,
+    /// Attitudes of the last snapshot that had no reference yet.
+    unmatched: Vec<(u64, [f64; 4])>,
 }
 
 impl Default for Decimator {
@@ -45,6 +47,7 @@ impl Default for Decimator {
             extremes: [None; QUANTITY_COUNT],
             references: vec![None; MAX_REFERENCES],
             attitudes: Vec::new(),
+            unmatched: Vec::new(),
         }
     }
 }
@@ -114,20 +117,32 @@ impl Decimator {
         snapshot
     }
 
-    /// Computes the errors of the collected attitudes that have a reference of the same tick.
+    /// Computes the errors of the collected attitudes that have a reference of the same tick, and
+    /// of those of the last snapshot that have received theirs since.
     ///
     /// Called once per snapshot instead of once per attitude, because a reference may arrive after
     /// its attitude.
     fn compare_with_references(&mut self) {
+        for (tick, quaternion) in std::mem::take(&mut self.unmatched) {
+            if let Some(reference) = self.reference(tick) {
+                self.extend_range(Quantity::ErrorRad, angle_rad(quaternion, reference.quaternion));
+            }
+        }
         let attitudes = std::mem::take(&mut self.attitudes);
         self.snapshot.attitudes = attitudes.len() as u64;
         for (tick, quaternion) in attitudes {
-            let reference = self.references[tick as usize % MAX_REFERENCES].filter(|reference| reference.tick == tick);
-            if let Some(reference) = reference {
+            if let Some(reference) = self.reference(tick) {
                 self.extend_range(Quantity::ErrorRad, angle_rad(quaternion, reference.quaternion));
                 self.snapshot.reference = Some(reference.to_proto());
+            } else {
+                self.unmatched.push((tick, quaternion));
             }
         }
+    }
+
+    /// Returns the reference attitude of a tick.
+    fn reference(&self, tick: u64) -> Option<Reference> {
+        self.references[tick as usize % MAX_REFERENCES].filter(|reference| reference.tick == tick)
     }
 
     fn push_imu(&mut self, bytes: &[u8]) {
@@ -257,6 +272,20 @@ mod tests {
             assert_eq!(snapshot.reference.map(|reference| reference.tick), Some(7));
             let latency = snapshot.extremes.iter().find(|one| one.quantity() == Quantity::LatencyS).unwrap();
             assert!((latency.max - 50e-6).abs() < 1e-15, "{latency:?}");
+        }
+    }
+
+    #[test]
+    fn late_reference_yields_error_in_next_snapshot() {
+        let mut decimator = Decimator::default();
+        decimator.push(Topic::Attitude, bytemuck::bytes_of(&attitude(7, rotated(0.3))));
+        assert!(decimator.take_snapshot(0).extremes.iter().all(|range| range.quantity() != Quantity::ErrorRad));
+        let reference = Reference { tick: 7, t_end_ns: 0, scored: 1, quaternion: rotated(0.1) };
+        for expected in [Some(0.2), None] {
+            decimator.push(Topic::Reference, bytemuck::bytes_of(&reference));
+            let extremes = decimator.take_snapshot(1).extremes;
+            let error_rad = extremes.iter().find(|range| range.quantity() == Quantity::ErrorRad).map(|range| range.max);
+            assert_eq!(error_rad.map(|error_rad| (error_rad * 1e9).round() / 1e9), expected);
         }
     }
 
