@@ -26,7 +26,8 @@ fn json(arguments: &[&str], system: &System) -> Value {
 /// Returns the check `record` of `plumb doctor`, which concerns the report and the output file.
 fn record(system: &System) -> Value {
     let doctor = json(&["doctor", "--for", "200ms"], system);
-    doctor["checks"].as_array().unwrap().iter().find(|check| check["check"] == "record").unwrap().clone()
+    let checks = doctor["checks"].as_array().unwrap();
+    checks.iter().find(|check| check["check"] == "record").unwrap_or_else(|| panic!("no record: {doctor}")).clone()
 }
 
 #[test]
@@ -117,7 +118,7 @@ fn file_filling_its_disk_ends_with_complete_line() {
     command.args(namespace).args(["sh", "-c", script, "sh"]);
     command.args([&disk, &out, &result]).args(up);
     let running = Running::spawn(command);
-    wait_for("the system to run", || !system.ps().is_empty());
+    system.wait_until_running();
     wait_for("the disk to be full", || record(&system)["result"] == "problem");
     let run = running.wait();
     assert_eq!((run.number("/ticks_out"), run.number("/lost")), (12_000.0, 0.0), "{}", run.json);
