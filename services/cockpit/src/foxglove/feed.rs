@@ -89,7 +89,7 @@ impl Broadcaster {
 
     fn start_session(&self) {
         // The identifier must differ even if two sessions start within the clock's resolution.
-        let _ = self.session.fetch_update(Ordering::SeqCst, Ordering::SeqCst, |last| Some(now_ns().max(last + 1)));
+        let _ = self.session.try_update(Ordering::SeqCst, Ordering::SeqCst, |last| Some(now_ns().max(last + 1)));
     }
 }
 
