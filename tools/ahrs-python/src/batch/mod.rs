@@ -7,6 +7,7 @@
 //!
 //! Failure: if an array has the wrong shape, the call fails before the first sample is processed.
 
+mod pages;
 mod pipeline;
 mod rows;
 
@@ -113,6 +114,7 @@ impl Batch {
             flags,
             tick,
             reset_counter,
+            ..
         } = rows;
         Ok(Self {
             quaternion: table(py, quaternion)?,

@@ -2,6 +2,11 @@
 
 use plumbline_ahrs::{Frame, attitude::course::DeferredAngles, parts::DeferredAttitude};
 
+use super::pages::provide_pages;
+
+/// Number of rows for which pages are provided at once. They fit into the cache of a processor.
+const ROWS_WITH_PAGES: usize = 2048;
+
 /// Values of the attitudes, row by row.
 pub(super) struct Rows {
     pub(super) frame: Frame,
@@ -15,6 +20,8 @@ pub(super) struct Rows {
     pub(super) flags: Vec<u64>,
     pub(super) tick: Vec<u64>,
     pub(super) reset_counter: Vec<u64>,
+    /// Number of rows for which pages were provided.
+    with_pages: usize,
 }
 
 impl Rows {
@@ -31,11 +38,29 @@ impl Rows {
             flags: Vec::with_capacity(len),
             tick: Vec::with_capacity(len),
             reset_counter: Vec::with_capacity(len),
+            with_pages: 0,
         }
+    }
+
+    fn provide_pages(&mut self) {
+        let rows = ROWS_WITH_PAGES;
+        self.with_pages += rows;
+        provide_pages(&mut self.quaternion, rows);
+        provide_pages(&mut self.angles, rows);
+        provide_pages(&mut self.heading_sd_rad, rows);
+        provide_pages(&mut self.inclination_sd_rad, rows);
+        provide_pages(&mut self.rate_rad_s, rows);
+        provide_pages(&mut self.gyro_bias_rad_s, rows);
+        provide_pages(&mut self.flags, rows);
+        provide_pages(&mut self.tick, rows);
+        provide_pages(&mut self.reset_counter, rows);
     }
 
     #[inline]
     pub(super) fn push(&mut self, attitude: &DeferredAttitude) {
+        if self.quaternion.len() == self.with_pages {
+            self.provide_pages();
+        }
         self.quaternion.push(attitude.quaternion_in(self.frame));
         self.angles.push(attitude.angles());
         self.heading_sd_rad.push(attitude.heading_sd_rad());
