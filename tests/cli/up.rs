@@ -386,8 +386,8 @@ fn up_without_arguments_runs_local_launch_file() {
 fn assert_stops_cleanly(label: &str, stop: impl Fn(&Running)) {
     let system = System::new("");
     let running = system.start_in_process_group(&[]);
+    system.wait_until_running();
     let services = running.all_services();
-    std::thread::sleep(Duration::from_millis(300));
     stop(&running);
     let stopped = Instant::now();
     let run = running.wait();
@@ -504,7 +504,7 @@ fn second_system_of_same_name_is_rejected() {
     assert_exits_with(system.command(&["--for", "1s"]), 1, &texts);
     assert!(services.iter().all(|(_, pid)| is_alive(*pid)), "{services:?}");
     assert_eq!(first.services(), services);
-    std::thread::sleep(Duration::from_millis(200));
+    system.wait_until_running();
     first.interrupt();
     let run = first.wait();
     run.assert_complete();

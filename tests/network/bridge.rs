@@ -511,7 +511,7 @@ fn mavlink_heartbeat_reports_boot_active_and_critical_states() {
     let mut running = crate::common::Running::spawn(command);
     let mut input = running.stdin();
     let station = UdpSocket::bind("127.0.0.1:0").unwrap();
-    wait_for("the system to respond", || !system.ps().is_empty());
+    system.wait_until_ready();
     let bridge = bridge(&system, station.local_addr().unwrap().port(), &[]);
     let mut attitudes = 0;
     let mut heartbeat = || {

@@ -44,6 +44,7 @@ fn stop(running: Running) {
 fn station_receives_all_telemetry_of_vehicle() {
     let system = with_gateway(free_port(), "");
     let running = system.start(&[]);
+    system.wait_until_running();
     let tables = system.path("tables");
     let endpoint = endpoint(&system);
     let report = last_json(station(&[&endpoint], &["--for", "4", "--csv", tables.to_str().unwrap()]));
@@ -68,6 +69,7 @@ fn rate_all_batches_every_sample_of_fast_topic() {
         "messages_hz = 100\nrates = { attitude = \"all\", imu = \"all\", health = \"off\" }\n",
     );
     let running = system.start(&[]);
+    system.wait_until_running();
     let tables = system.path("tables");
     let report = last_json(station(&[&endpoint(&system)], &["--for", "4", "--csv", tables.to_str().unwrap()]));
     let vehicle = &report["vehicles"][0];
@@ -89,7 +91,7 @@ fn vehicles_on_one_machine_use_separate_ports() {
     let systems = [with_gateway(port, "vehicle = \"boat\""), with_gateway(port, "vehicle = \"buoy\"")];
     let running = systems.each_ref().map(|system| {
         let running = system.start(&[]);
-        endpoint(system);
+        system.wait_until_running();
         running
     });
     let [first, second] = systems.each_ref().map(endpoint);
@@ -235,7 +237,7 @@ fn frozen_gateway_does_not_affect_output() {
     let slow = "[ingest.sim]\nrate_hz = 100\n";
     let system = with_gateway(free_port(), slow);
     let out = system.path("out.csv");
-    let running = system.start(&["--for", "8s", "--out", out.to_str().unwrap()]);
+    let running = system.start(&["--for", "16s", "--out", out.to_str().unwrap()]);
     let endpoint = endpoint(&system);
     let report = last_json(station(&[&endpoint], &["--for", "2"]));
     assert!(number(topic(&report["vehicles"][0], "attitude"), "samples") > 0, "{report}");
@@ -243,7 +245,7 @@ fn frozen_gateway_does_not_affect_output() {
     signal(pid, Signal::STOP);
     let run = running.wait();
     run.assert_complete();
-    assert!(fs::read(out).unwrap() == undisturbed_with(slow, "8s"), "the bytes differ: {}", run.stderr);
+    assert!(fs::read(out).unwrap() == undisturbed_with(slow, "16s"), "the bytes differ: {}", run.stderr);
 }
 
 fn undisturbed_with(launch: &str, duration: &str) -> Vec<u8> {

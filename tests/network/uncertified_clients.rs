@@ -278,9 +278,9 @@ fn expired_certificate_is_reported_before_connecting() {
     // A gateway reports the expired certificate and keeps its other endpoints running.
     let tls = site.tls("operator.ann");
     let system = with_gateway(free_port(), &format!("connect = [\"quic/127.0.0.1:9\"]\n{tls}"));
-    let running = system.start(&[]);
+    let log = system.path("log");
+    let running = Running::spawn_with_stderr(system.command(&[]), fs::File::create(&log).unwrap());
     endpoint(&system);
-    thread::sleep(Duration::from_secs(1));
-    let run = stop(running);
-    assert!(run.stderr.contains("expired on 2025-02-01"), "{}", run.stderr);
+    wait_for("the report", || fs::read_to_string(&log).is_ok_and(|text| text.contains("expired on 2025-02-01")));
+    stop(running);
 }

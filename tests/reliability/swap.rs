@@ -1,7 +1,10 @@
 //! Swaps of stages in a running system.
 //!
 //! No tick is lost or duplicated, and the old stage stays if the swap fails.
-use std::time::Duration;
+use std::{
+    io::{BufRead as _, BufReader},
+    time::Duration,
+};
 
 use crate::common::{Running, System, children_of, service_of, signal, wait_for};
 use rustix::process::Signal;
@@ -163,16 +166,17 @@ fn shadow_reports_difference_and_is_promoted_in_place() {
     let system = System::new("");
     let running = start_system(&system, &[]);
     let mut command = crate::common::plumb(&["shadow", "fuser", "wz-open", "--json", "--system", &system.name]);
-    let shadow = command.stdout(std::process::Stdio::piped()).spawn().unwrap();
+    let mut shadow = command.stdout(std::process::Stdio::piped()).spawn().unwrap();
+    let mut lines = BufReader::new(shadow.stdout.take().unwrap()).lines().map(Result::unwrap);
     wait_for("a candidate", || slot_processes(&running, "fuser").len() == 2);
     let candidate = *slot_processes(&running, "fuser").iter().max().unwrap();
-    std::thread::sleep(Duration::from_millis(2500));
+    let mut differences = lines.by_ref().map(|line| serde_json::from_str::<Value>(&line).unwrap());
+    let difference = differences.find(|difference| difference["ticks"].as_u64() > Some(100)).unwrap();
     let report = system.swap(&["fuser", "wz-open"]);
     assert_committed(&report);
     assert_eq!(ps(&system).iter().find(|one| one["service"] == "fuser").unwrap()["pid"], candidate);
-    let text = String::from_utf8(shadow.wait_with_output().unwrap().stdout).unwrap();
-    let difference: Value = serde_json::from_str(text.lines().next().unwrap()).unwrap();
-    assert!(difference["ticks"].as_u64() > Some(100), "{difference}");
+    lines.for_each(drop);
+    shadow.wait().unwrap();
     let angle = |what: &str| difference[what]["angle"].as_f64().unwrap();
     assert!(0.0 < angle("mean_deg") && angle("mean_deg") <= angle("rms_deg") && angle("rms_deg") <= angle("max_deg"));
     running.interrupt();

@@ -119,8 +119,11 @@ pub enum BusError {
         /// Process IDs of the observers that belong to this user.
         pids: Vec<u32>,
     },
-    /// A process was killed while creating a segment, so the segment cannot be opened.
-    #[error("observing the system {name:?}: {path:?} is incomplete because its creator was killed; restart the system")]
+    /// A process was killed or has stalled while creating a segment, so the segment cannot be
+    /// opened.
+    #[error(
+        "observing the system {name:?}: {path:?} is incomplete: its creator was killed or has stalled; restart the system"
+    )]
     IncompleteSegment {
         /// System name.
         name: String,

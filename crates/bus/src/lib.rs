@@ -4,8 +4,8 @@
 //!
 //! Output: the same messages for every subscriber, without a copy by the kernel.
 //!
-//! Time: a wait ends after a timeout, or when the supervisor wakes the subscribers of idle topics.
-//! Otherwise, a clock is read only to identify a run of the system.
+//! Time: a wait without a message ends after a timeout, or when the supervisor wakes the
+//! subscribers of idle topics. Otherwise, a clock is read only to identify a run of the system.
 //!
 //! Failure: a publisher never blocks on a subscriber. If a subscriber is too slow, its oldest
 //! messages are overwritten, which shows as a gap in the ticks.

@@ -38,8 +38,7 @@ pub struct StaleResources {
     pub files: Vec<PathBuf>,
     /// Killed processes that are still registered on the system's bus.
     pub dead: Vec<Port>,
-    /// Segment left incomplete by a killed process. Opening the segment's topic would block
-    /// forever.
+    /// Segment without a size. Opening the segment's topic would block until it has one.
     pub incomplete_segment: Option<PathBuf>,
 }
 
@@ -230,8 +229,10 @@ impl SystemName {
         while !suspects.is_empty() && start.elapsed() < CREATION_TIMEOUT {
             std::thread::sleep(POLL_INTERVAL);
             suspects.retain(is_empty);
-            if start.elapsed() >= OWNER_START_TIMEOUT && suspects.iter().any(is_abandoned) {
-                break;
+            if start.elapsed() >= OWNER_START_TIMEOUT
+                && let Some(index) = suspects.iter().position(is_abandoned)
+            {
+                return Some(suspects.swap_remove(index));
             }
         }
         suspects.pop()

@@ -471,7 +471,7 @@ payload! {
         next_tick: u64,
         /// Number of readings rejected at the source.
         refused: u64,
-        /// Number of waits that timed out although there was work: lost wake-ups.
+        /// Number of waits that the publisher did not end although there was work.
         late_wakes: u64,
         /// Union of all flags since the start.
         flags: Flags,

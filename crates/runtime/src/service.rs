@@ -38,7 +38,7 @@ pub trait ServiceLoop {
     /// Fails if the bus fails or the stage fails permanently.
     fn run_round(&mut self) -> Result<(), RuntimeError>;
     /// Sleeps until the input that the next output is waiting for has a message, or until the
-    /// maximum sleep time has passed.
+    /// supervisor wakes the service.
     fn wait(&mut self);
     /// Returns `true` once the service has received a stop request.
     fn should_stop(&mut self) -> bool;

@@ -25,7 +25,7 @@
 //! | [`server`] | connections and their limits |
 //! | `places` | limits on the number of clients, with and without a token |
 //! | `inflow` | limits on what a client sends |
-//! | `locked` | locks of mutexes |
+//! | `locked` | locking of mutexes, even after a panic |
 //! | `foxglove` | WebSocket for Foxglove and Lichtblick, with the feature `foxglove` |
 //! | `guard` | protection against requests from foreign pages |
 //! | `assets` | files of the page |

@@ -1,8 +1,8 @@
 //! A recording, reduced to snapshots of equal duration when it is opened.
 //!
 //! Input: messages of the topics that contain the source's time, in the order of arrival at the
-//! recorder. On a busy host the recorder receives many messages of a topic at once, so messages of
-//! other topics follow up to seconds later than those of the same tick.
+//! recorder. On a busy host the recorder receives many messages of a topic together, so messages
+//! of other topics follow up to seconds later than those of the same tick.
 //! Output: snapshots by number.
 //! Memory: bounded, independent of the recording's length.
 
@@ -20,7 +20,8 @@ use crate::{SNAPSHOT_INTERVAL, decimator::Decimator};
 /// Maximum number of snapshots of a recording. At the live rate, they cover half an hour. Longer
 /// recordings get longer snapshots.
 const MAX_SNAPSHOTS: u64 = 60_000;
-/// Duration of the messages that are sorted by time. The topics of the bus hold 2 s by default.
+/// Time span within which messages are sorted by time, ns. It is twice the time that the topics of
+/// the bus hold by default.
 const SORTED_NS: i64 = 4_000_000_000;
 /// Maximum size of the messages that are sorted by time, in bytes.
 const MAX_SORTED_BYTES: usize = 128 << 20;
@@ -46,7 +47,7 @@ pub struct RecordingBuilder {
     recording: Recording,
     interval_ns: i64,
     decimator: Decimator,
-    /// Messages of the snapshots that are not closed yet, in chronological order. The first element
+    /// One element per snapshot that is not closed yet, in chronological order. The first element
     /// belongs to the snapshot that follows those of `recording`.
     open: VecDeque<SnapshotMessages>,
     open_bytes: usize,

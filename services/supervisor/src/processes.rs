@@ -165,8 +165,8 @@ impl Processes {
             [exit, stderr].into_iter().flatten().map(|fd| (*incarnation, PollFd::from_borrowed_fd(fd, PollFlags::IN)))
         });
         let (incarnations, mut fds): (Vec<_>, Vec<_>) = fds.unzip();
-        let is_complete = poll(&mut fds, Some(&Timespec { tv_sec: 0, tv_nsec: 0 })).is_ok();
-        let has_event = |fd: &PollFd| !is_complete || !fd.revents().is_empty();
+        let has_polled = poll(&mut fds, Some(&Timespec { tv_sec: 0, tv_nsec: 0 })).is_ok();
+        let has_event = |fd: &PollFd| !has_polled || !fd.revents().is_empty();
         let with_events = incarnations.into_iter().zip(&fds).filter(|(_, fd)| has_event(fd)).map(|(one, _)| one);
         let without_fd = self.all.iter().filter(|(_, process)| process.fd.is_none()).map(|(one, _)| *one);
         with_events.chain(without_fd).collect()

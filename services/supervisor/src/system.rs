@@ -42,7 +42,7 @@ use connection::{BusConnection, OptionalInputs};
 /// Interval between two updates of the display.
 const VIEW_INTERVAL: Duration = Duration::from_millis(100);
 /// Interval at which services that wait for an idle topic are woken. It is shorter than the
-/// interval of health reports.
+/// interval of health reports of an owner.
 const IDLE_WAKE_INTERVAL: Duration = Duration::from_millis(50);
 /// Interval between two checks of the bus files and of the control socket while no process exits.
 const FILE_CHECK_INTERVAL: Duration = Duration::from_secs(1);

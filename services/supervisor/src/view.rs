@@ -78,9 +78,11 @@ impl View {
         if self.painter.is_terminal() {
             let services = supervision.into_iter().flat_map(Supervision::entries);
             let services = services.map(|(service, entry)| service_line(service, entry, now));
+            let statistics = collector.last().map(|_| [error, self.flow(collector)]);
             self.painter.show_frame(Frame {
-                lines: [self.header.clone(), attitude, error, self.flow(collector)]
+                lines: [self.header.clone(), attitude]
                     .into_iter()
+                    .chain(statistics.into_iter().flatten())
                     .chain(services)
                     .collect(),
                 progress: self

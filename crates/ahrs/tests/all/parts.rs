@@ -1,4 +1,4 @@
-//! The parts of a filter yield the bits of the filter, also if each part is ahead of the next.
+//! The parts of a filter yield the bits of the filter, even if each part is ahead of the next.
 
 use plumbline_ahrs::{
     Ahrs, Attitude, Frame,

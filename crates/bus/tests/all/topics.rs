@@ -4,7 +4,7 @@ use std::{
     os::unix::fs::{FileExt, PermissionsExt},
     path::PathBuf,
     sync::atomic::{AtomicU32, Ordering},
-    time::Duration,
+    time::{Duration, Instant},
 };
 
 use bus::{Bus, BusError, Claim, FileMonitor, Publisher, Subscriber, SystemName, WaitOutcome};
@@ -285,7 +285,10 @@ fn untimed_wait(activity: Activity) -> (WaitOutcome, bool) {
             file.write_all_at(&(word(wake_count) + 1).to_ne_bytes(), wake_count).unwrap();
             file.write_all_at(&0_u32.to_ne_bytes(), waiting).unwrap();
         }
-        for _ in 0..100 {
+        // The other waits must end, which may take long on a loaded machine.
+        let limit = Duration::from_millis(if activity == Activity::LostWakeAndMessages { 100 } else { 60_000 });
+        let start = Instant::now();
+        while start.elapsed() < limit && !waiter.is_finished() {
             if activity == Activity::LostWakeAndMessages {
                 publisher.wake();
             }

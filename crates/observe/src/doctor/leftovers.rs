@@ -35,8 +35,9 @@ fn system_check(stale: &StaleResources, fix: bool) -> Option<Check> {
         }
         SystemLiveness::Running { pid } if stale.incomplete_segment.is_some() => {
             let path = stale.incomplete_segment.iter().map(|path| foreign::path(path).to_string()).collect::<String>();
-            let found =
-                format!("a process of {name:?} was killed while creating {path}; a process that opens it hangs");
+            let found = format!(
+                "a process of {name:?} was killed or has stalled while creating {path}; a process that opens it hangs"
+            );
             return Some(Check::problem(check, found, Remedy::RestartSystem(*pid)));
         }
         SystemLiveness::Running { .. } if killed_count == 0 => return None,
