@@ -15,10 +15,6 @@ use rustix::process::Signal;
 /// Compares the output with that of an undisturbed run with the same number of ticks.
 fn assert_undisturbed(launch: &str, arguments: &[&str], disturb: impl FnOnce(&Running)) -> Run {
     let system = System::new(launch);
-    assert_undisturbed_system(&system, launch, arguments, disturb)
-}
-
-fn assert_undisturbed_system(system: &System, launch: &str, arguments: &[&str], disturb: impl FnOnce(&Running)) -> Run {
     let out = system.path("out.csv");
     let running = system.start(&[&["--out", out.to_str().unwrap()], arguments].concat());
     running.all_services();
@@ -221,27 +217,21 @@ fn kill_and_freeze_successor(running: &Running, service: &str) -> u32 {
 #[test]
 fn successor_frozen_at_start_is_replaced_without_loss() {
     let freezes = std::env::var("PLUMBLINE_FREEZES").map_or(10, |count| count.parse().unwrap());
-    // On a busy machine, all incarnations of a run may be stopped too late.
-    let has_frozen_early = (0..5).any(|_| {
-        let run = assert_undisturbed("", &[], |running| {
-            for service in ["ingest", "gyro", "accel", "fuser", "course"].iter().cycle().take(freezes) {
-                let frozen = kill_and_freeze_successor(running, service);
-                wait_for("the frozen process to be replaced", || running.service(service) != frozen);
-                pause(300);
-            }
-        });
-        let early = run.stderr.matches("has not opened its topics for").count();
-        println!("{freezes} incarnations were stopped, {early} of them before their first health message");
-        early > 0
+    let run = assert_undisturbed("", &[], |running| {
+        for service in ["ingest", "gyro", "accel", "fuser", "course"].iter().cycle().take(freezes) {
+            let frozen = kill_and_freeze_successor(running, service);
+            wait_for("the frozen process to be replaced", || running.service(service) != frozen);
+            pause(300);
+        }
     });
-    assert!(has_frozen_early);
+    let early = run.stderr.matches("has not opened its topics for").count();
+    println!("{freezes} incarnations were stopped, {early} of them before their first health message");
+    assert!(early > 0, "all were stopped too late: {}", run.stderr);
 }
 
 #[test]
 fn machine_stall_restarts_no_service() {
-    let system = System::new("");
-    let run = assert_undisturbed_system(&system, "", &[], |running| {
-        system.wait_until_running();
+    let run = assert_undisturbed("", &[], |running| {
         // The last stall is longer than the time that the topic buffers cover.
         for stall_ms in [900, 900, 3000] {
             pause(500);

@@ -14,7 +14,7 @@ use crate::{Complex, Vector3, scalars::Scalars};
 /// formula of the upright chart holds in the inverted chart for vectors whose η and ζ components
 /// are negated.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-// The size of a coordinate avoids padding. Copies of padding need many instructions.
+// With the size of a coordinate, a direction has no padding and is copied in fewer instructions.
 #[repr(u64)]
 pub enum Chart {
     /// Projection from −ζ: w = 0 is level, w = ∞ upside down.

@@ -7,8 +7,8 @@ use rustix::{
 
 /// Lets the kernel provide the pages for the next `rows` elements of a vector in one call.
 ///
-/// Otherwise, the first write to each page would cause an exception, which takes longer than the
-/// call takes per page. The vector is not changed.
+/// Otherwise, the first write to each page would cause an exception, which costs more than the call
+/// does per page. The vector is not changed.
 pub(super) fn provide_pages<T>(vector: &mut Vec<T>, rows: usize) {
     let memory = vector.as_mut_ptr();
     let [next, end, end_of_memory] =

@@ -4,7 +4,7 @@ use plumbline_ahrs::{Frame, attitude::course::DeferredAngles, parts::DeferredAtt
 
 use super::pages::provide_pages;
 
-/// Number of rows for which pages are provided at once. They fit into the cache of a processor.
+/// Number of rows for which pages are provided in one call. They fit into the cache of a processor.
 const ROWS_WITH_PAGES: usize = 2048;
 
 /// Values of the attitudes, row by row.
