@@ -260,12 +260,21 @@ impl<F: FuserStage> Fusion<'_, F> {
 pub struct Aided<'a>(AidedPart<'a>);
 
 impl Aided<'_> {
-    /// Processes an [independent](CheckedSample::is_independent) sample and replaces `output`.
+    /// Processes an [independent](CheckedSample::is_independent) sample.
+    ///
+    /// Returns `None` if [`Output`] does not need the output of the model. This is the case while
+    /// the body does not move over ground and the heading does not refer to true north.
     #[inline]
-    pub fn process(&mut self, sample: &CheckedSample, output: &mut AidedOutput) {
-        if sample.is_accepted {
-            self.0.step(&sample.fuser, output);
-        }
+    pub fn process(&mut self, sample: &CheckedSample) -> Option<AidedOutput> {
+        if sample.is_accepted { self.0.step(&sample.fuser) } else { None }
+    }
+
+    /// Replaces the state of the model by that of the model in a copy of the filter.
+    ///
+    /// A thread should process samples with a copy, because the models of one filter share cache
+    /// lines. Two processors that write to the same cache line are many times slower.
+    pub fn copy_from(&mut self, copy: &Aided<'_>) {
+        self.0.copy_from(&copy.0);
     }
 }
 
@@ -278,13 +287,13 @@ pub struct Output<'a> {
 }
 
 impl Output<'_> {
-    /// Processes a sample that [`Aided`] has processed, and returns the new attitude. A rejected
-    /// sample does not change it.
+    /// Processes a sample and returns the new attitude. A rejected sample does not change it.
     ///
-    /// Returns `None` if the output of the fuser is invalid. [`Fusion::reset_and_process`] must
-    /// then process the sample, and [`Fusion::process`] all samples after it.
+    /// `aided` is the result of [`Aided::process`] for the sample. Returns `None` if the output of
+    /// the fuser is invalid. [`Fusion::reset_and_process`] must then process the sample, and
+    /// [`Fusion::process`] all samples after it.
     #[inline]
-    pub fn process(&mut self, sample: &CheckedSample, aided: &AidedOutput) -> Option<&DeferredAttitude> {
+    pub fn process(&mut self, sample: &CheckedSample, aided: Option<&AidedOutput>) -> Option<&DeferredAttitude> {
         if sample.is_accepted {
             let fused = self.fuser.step(&sample.fuser, aided)?;
             update_course(self.course, self.newest, sample, &fused);

@@ -184,7 +184,7 @@ impl Ahrs {
     /// The result equals that of n calls of `update` or `update_at`, bit for bit. Arrays of float64
     /// are not copied. Other threads must not change the arrays during the call.
     ///
-    /// With the default fuser, up to three threads process a batch of 2,000 samples or more. The
+    /// With the default fuser, two threads process a batch of 2,000 samples or more. The
     /// angles and the headings of the result are computed on the first access.
     ///
     /// Raises ValueError, without processing any sample, if an array has the wrong shape.

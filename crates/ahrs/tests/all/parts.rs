@@ -2,7 +2,7 @@
 
 use plumbline_ahrs::{
     Ahrs, Attitude, Frame,
-    parts::{AidedOutput, CheckedSample, DeferredAttitude, Parts, SampleTime},
+    parts::{CheckedSample, DeferredAttitude, Parts, SampleTime},
     stages::Fuser,
 };
 
@@ -89,7 +89,7 @@ fn process(ahrs: &mut Ahrs<Fuser>, samples: &[Sample]) -> (Vec<Vec<u64>>, usize)
     let Parts { mut sensors, mut fusion } = ahrs.parts();
     let (mut found, mut dependent) = (Vec::new(), 0);
     let mut checked = [CheckedSample::default(); CHUNK];
-    let mut outputs = [AidedOutput::default(); CHUNK];
+    let mut outputs = [None; CHUNK];
     for chunk in samples.chunks(CHUNK) {
         // The parts of a sample that depends on the attitude cannot be ahead of each other.
         let mut rest = chunk;
@@ -108,10 +108,10 @@ fn process(ahrs: &mut Ahrs<Fuser>, samples: &[Sample]) -> (Vec<Vec<u64>>, usize)
             let independent = &checked[..count - usize::from(is_dependent)];
             if let Some((mut aided, mut output)) = fusion.divide() {
                 for (sample, output) in independent.iter().zip(&mut outputs) {
-                    aided.process(sample, output);
+                    *output = aided.process(sample);
                 }
                 for (sample, aided) in independent.iter().zip(&outputs) {
-                    found.push(deferred_bits(output.process(sample, aided).unwrap()));
+                    found.push(deferred_bits(output.process(sample, aided.as_ref()).unwrap()));
                 }
             } else {
                 found.extend(independent.iter().map(|sample| deferred_bits(fusion.process(sample))));

@@ -429,16 +429,21 @@ impl<S: FuserStage> StageSupervisor<'_, S> {
 pub struct AidedPart<'a>(&'a mut AidedModel);
 
 impl AidedPart<'_> {
-    /// Processes a tick and replaces `output`.
+    /// Processes a tick. Returns `None` if [`WzPart`] does not need the output.
     ///
     /// The input must be [sanitized](FuserInput::sanitize) and
     /// [independent](SupervisedInput::is_independent).
     #[inline]
-    pub fn step(&mut self, input: &SupervisedInput, output: &mut AidedOutput) {
+    pub fn step(&mut self, input: &SupervisedInput) -> Option<AidedOutput> {
         if input.realignment == Realignment::Yes {
             self.0.realign();
         }
-        self.0.step(&input.input, output);
+        self.0.step(&input.input)
+    }
+
+    /// Replaces the state by that of the model in a copy of the stage.
+    pub fn copy_from(&mut self, copy: &AidedPart<'_>) {
+        self.0.clone_from(copy.0);
     }
 }
 
@@ -450,12 +455,12 @@ pub struct WzPart<'a> {
 }
 
 impl WzPart<'_> {
-    /// Processes a tick for which `aided` has been computed.
+    /// Processes a tick for which `aided` has been computed by [`AidedPart`].
     ///
     /// Returns `None` if the output is invalid. The tick must then be repeated with
     /// [`StageSupervisor::reset_and_step`].
     #[inline]
-    pub fn step(&mut self, input: &SupervisedInput, aided: &AidedOutput) -> Option<SupervisedFused> {
+    pub fn step(&mut self, input: &SupervisedInput, aided: Option<&AidedOutput>) -> Option<SupervisedFused> {
         if input.realignment == Realignment::Yes {
             self.model.realign();
         }

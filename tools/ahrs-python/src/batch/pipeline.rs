@@ -1,66 +1,74 @@
-//! Passes the samples of a batch through the filter, in several threads if the batch is long.
+//! Passes the samples of a batch through the filter, in two threads if the batch is long.
 //!
 //! Input: the samples in order.
 //!
-//! Output: one row per sample. The rows and the state of the filter have the same bits with any
-//! number of threads.
+//! Output: one row per sample. The rows and the state of the filter have the same bits with one
+//! thread and with two.
 //!
-//! Failure: a panic of a thread ends all threads and is passed on to the caller.
+//! Failure: a panic of the second thread is passed on to the caller.
 //!
 //! # Threads
 //!
-//! The samples pass through three [parts](plumbline_ahrs::parts) of the filter in chunks. Each part
-//! depends only on the parts before it, so the parts process different chunks at the same time:
+//! The model `aided` does not depend on the other [parts](plumbline_ahrs::parts) of the fuser. It
+//! therefore runs in a second thread, ahead of the caller:
 //!
 //! ```text
-//! samples ─► Reader ─► chunks ─► Aided ─► chunks ─► Writer ─► rows
-//!              ▲                                      │
-//!              └─────────────── chunks ◄──────────────┘
+//! samples ─► Sensors (copy) ─► Aided ──┐                    second thread
+//!                                      │ outputs
+//! samples ─► Sensors ────────────► Output ─► rows           caller
 //! ```
 //!
-//! A part is not tied to a thread. A worker takes a part for which a chunk is waiting, lets the
-//! part process the chunk, and returns both. All workers are therefore busy, although the parts do
-//! not take the same time. The caller is one of the workers. The number of chunks is constant, so
-//! the memory does not depend on the length of the batch.
+//! Both threads check the samples and run the stages of gyro and accelerometer. Passing on the
+//! checked samples takes longer between processors that do not share a cache. Most outputs of
+//! `aided` are not needed and are not passed on.
+//!
+//! The second thread has less to do. It therefore also provides the memory of the rows. While it
+//! starts, the caller provides the memory of the first rows.
 //!
 //! # Samples for which the parts depend on each other
 //!
 //! After an outage of the gyro, the fused attitude decides whether the level is initialised again.
-//! An invalid output resets both models of the fuser. Both cases are rare. The workers end at such
-//! a sample. The caller processes it and the next [`SERIAL_SAMPLES`] alone, then starts workers
+//! An invalid output resets both models of the fuser. Both cases are rare. Both threads end at such
+//! a sample. The caller processes it and the next [`SERIAL_SAMPLES`] alone, then starts a thread
 //! again.
 //!
-//! # Batches without threads
+//! # Batches without a second thread
 //!
 //! The caller processes a batch alone if the batch is short, if the fuser is not `multiple-model`,
 //! or if the process may use only one processor.
 
 use std::{
-    collections::VecDeque,
     num::NonZero,
     panic::resume_unwind,
-    sync::{Condvar, Mutex, MutexGuard, OnceLock, PoisonError},
+    sync::{
+        OnceLock,
+        mpsc::{Receiver, SyncSender, sync_channel},
+    },
     thread::{self, Builder},
 };
 
 use plumbline_ahrs::{
     Ahrs,
-    attitude::fuser::FuserStage,
-    parts::{Aided, AidedOutput, CheckedSample, Fusion, Output, Parts, Sensors},
+    attitude::fuser::Fuser,
+    parts::{Aided, AidedOutput, CheckedSample, Output, Parts, Sensors},
 };
 
-use super::rows::Rows;
+use super::rows::{Memory, Rows};
 
-/// Samples per chunk. The hand-over of a chunk takes about as long as one sample.
+/// Samples per chunk. They fit into the nearest cache of a processor.
+///
+/// A part processes a whole chunk before the next part begins, because the code of all parts
+/// together does not fit into the nearest cache.
 const CHUNK_SAMPLES: usize = 64;
-/// Chunks of a pipeline. They allow each part to be some chunks ahead of the next, so that a worker
-/// rarely waits.
-const CHUNKS: usize = 12;
-/// Minimum number of samples for which threads are started.
+/// Maximum number of chunks by which `aided` is ahead. It limits the memory for the outputs.
+const MAX_CHUNKS_AHEAD: usize = 64;
+/// Number of rows for which memory is provided at a time.
+const PROVIDED_ROWS: usize = 4096;
+/// Minimum number of samples for which a thread is started.
 ///
 /// The start of a thread takes as long as a few hundred samples.
 const MIN_SAMPLES: usize = 2000;
-/// Samples that the caller processes alone after the workers have ended.
+/// Samples that the caller processes alone after the second thread has ended.
 const SERIAL_SAMPLES: usize = 1000;
 
 /// Samples of a batch.
@@ -73,22 +81,23 @@ pub(super) trait Source: Sync {
 }
 
 /// Passes all samples through the filter and appends one row for each.
-pub(super) fn run<F: FuserStage>(ahrs: &mut Ahrs<F>, source: &impl Source, rows: &mut Rows) {
-    let Parts { mut sensors, mut fusion } = ahrs.parts();
-    let mut sample = CheckedSample::default();
+pub(super) fn run(ahrs: &mut Ahrs<Fuser>, source: &impl Source, rows: &mut Rows) {
     let mut next = 0;
     while next < source.len() {
         if source.len() - next >= MIN_SAMPLES && processors() > 1 {
-            next = run_workers(&mut sensors, &mut fusion, source, next, rows);
+            next = run_two_threads(ahrs, source, next, rows);
         }
         let last = source.len().min(next + SERIAL_SAMPLES);
+        let Parts { mut sensors, mut fusion } = ahrs.parts();
+        let mut sample = CheckedSample::default();
+        rows.memory().provide(next..last);
         for index in next..last {
             source.check(index, &mut sensors, &mut sample);
             rows.push(fusion.process(&sample));
         }
+        fusion.finish();
         next = last;
     }
-    fusion.finish();
 }
 
 /// Returns the number of processors that the program may use.
@@ -99,249 +108,155 @@ fn processors() -> usize {
     *PROCESSORS.get_or_init(|| thread::available_parallelism().map_or(1, NonZero::get))
 }
 
-/// Processes samples from `next` on with several workers.
+/// Processes samples from `next` on with a second thread.
 ///
 /// Returns the index of the first sample that has not been processed.
-fn run_workers<F: FuserStage>(
-    sensors: &mut Sensors<'_>,
-    fusion: &mut Fusion<'_, F>,
-    source: &impl Source,
-    next: usize,
-    rows: &mut Rows,
-) -> usize {
-    let Some((aided, output)) = fusion.divide() else { return next };
-    let reader = Reader { sensors, source, next, dependent: None };
-    let writer = Writer { output, rows: &mut *rows, rest: Vec::new() };
-    let pipeline = Pipeline::new(reader, aided, writer);
+fn run_two_threads(ahrs: &mut Ahrs<Fuser>, source: &impl Source, next: usize, rows: &mut Rows) -> usize {
+    if ahrs.parts().fusion.divide().is_none() {
+        return next;
+    }
+    let memory = rows.memory();
+    let (sender, outputs) = sync_channel(MAX_CHUNKS_AHEAD);
+    // The second thread uses a copy of the filter, so that the threads do not write to the same
+    // cache lines. It starts while the filter is copied.
+    let (copy_sender, copies) = sync_channel::<Box<Ahrs<Fuser>>>(1);
+    let run_aided = move || {
+        let mut copy = copies.recv().ok()?;
+        let Parts { sensors, mut fusion } = copy.parts();
+        let (aided, _) = fusion.divide()?;
+        process_aided(aided, Reader::new(sensors, source, next), memory, &sender);
+        Some(copy)
+    };
     thread::scope(|scope| {
-        let pipeline = &pipeline;
-        // If a thread cannot start, the other workers do its work.
-        let start = |worker| Builder::new().spawn_scoped(scope, move || pipeline.work(worker)).ok();
-        let workers: Vec<_> = (1..processors().min(PARTS)).filter_map(start).collect();
-        pipeline.work(0);
-        workers.into_iter().for_each(|worker| worker.join().unwrap_or_else(|panic| resume_unwind(panic)));
-    });
-    let State { parts, chunks: [_, checked, ready], .. } =
-        pipeline.state.into_inner().unwrap_or_else(PoisonError::into_inner);
-    let [Some(Part::Reader(reader)), _, Some(Part::Writer(writer))] = parts else { return next };
-    let (next, dependent, invalid) = (reader.next, reader.dependent, writer.rest);
-    if let [first, others @ ..] = &invalid[..] {
-        rows.push(fusion.reset_and_process(first));
-        let chunks = ready.iter().chain(&checked).flat_map(Chunk::samples);
-        others.iter().chain(chunks).for_each(|sample| rows.push(fusion.process(sample)));
-    }
-    if let Some(sample) = dependent {
-        rows.push(fusion.process(&sample));
-    }
-    next
+        // If the thread cannot start, the channels are closed.
+        let thread = Builder::new().spawn_scoped(scope, run_aided).ok();
+        let _ = copy_sender.send(Box::new(ahrs.clone()));
+        memory.provide(next..next + PROVIDED_ROWS);
+        let Parts { sensors, mut fusion } = ahrs.parts();
+        let Some((_, output)) = fusion.divide() else { return next };
+        let mut reader = Reader::new(sensors, source, next);
+        let end = append_rows(output, &mut reader, outputs, rows);
+        let copy = thread.map_or(Ok(None), |thread| thread.join()).unwrap_or_else(|panic| resume_unwind(panic));
+        if let Some(mut copy) = copy
+            && let (Some((mut aided, _)), Some((copied_aided, _))) = (fusion.divide(), copy.parts().fusion.divide())
+        {
+            aided.copy_from(&copied_aided);
+        }
+        for (number, sample) in reader.samples()[end.processed..].iter().enumerate() {
+            let is_invalid = number == 0 && end.is_invalid;
+            rows.push(if is_invalid { fusion.reset_and_process(sample) } else { fusion.process(sample) });
+        }
+        fusion.finish();
+        reader.next
+    })
 }
 
-/// Samples that the parts pass on. The memory is allocated at the first use, and used again.
-#[derive(Default)]
-struct Chunk {
-    samples: Vec<CheckedSample>,
-    /// Outputs of the model `aided`.
-    aided: Vec<AidedOutput>,
-    /// Number of samples in use.
+/// Checks the samples in chunks.
+struct Reader<'s, 'a, S> {
+    sensors: Sensors<'s>,
+    source: &'a S,
+    /// Index of the sample after the chunk.
+    next: usize,
+    chunk: Vec<CheckedSample>,
+    /// Number of samples in the chunk.
     len: usize,
 }
 
-impl Chunk {
-    fn samples(&self) -> &[CheckedSample] {
-        &self.samples[..self.len]
-    }
-}
-
-/// First part: fills chunks with checked samples.
-struct Reader<'a, 's, S> {
-    sensors: &'a mut Sensors<'s>,
-    source: &'a S,
-    /// Index of the next sample.
-    next: usize,
-    /// Last sample, if it depends on the attitude before it.
-    dependent: Option<Box<CheckedSample>>,
-}
-
-impl<S: Source> Reader<'_, '_, S> {
-    fn is_finished(&self) -> bool {
-        self.next == self.source.len() || self.dependent.is_some()
+impl<'s, 'a, S: Source> Reader<'s, 'a, S> {
+    fn new(sensors: Sensors<'s>, source: &'a S, next: usize) -> Self {
+        Self { sensors, source, next, chunk: vec![CheckedSample::default(); CHUNK_SAMPLES], len: 0 }
     }
 
-    fn process(&mut self, chunk: &mut Chunk) {
-        chunk.samples.resize_with(CHUNK_SAMPLES, CheckedSample::default);
-        chunk.len = 0;
-        for sample in &mut chunk.samples[..CHUNK_SAMPLES.min(self.source.len() - self.next)] {
-            self.source.check(self.next, self.sensors, sample);
-            self.next += 1;
-            if !sample.is_independent() {
-                self.dependent = Some(Box::new(*sample));
-                return;
-            }
-            chunk.len += 1;
-        }
-    }
-}
-
-/// Last part: computes the attitudes and appends their rows.
-struct Writer<'a> {
-    output: Output<'a>,
-    rows: &'a mut Rows,
-    /// Rest of a chunk, beginning with a sample that has made the output invalid.
-    rest: Vec<CheckedSample>,
-}
-
-impl Writer<'_> {
-    fn process(&mut self, chunk: &Chunk) {
-        for (index, (sample, aided)) in chunk.samples().iter().zip(&chunk.aided).enumerate() {
-            match self.output.process(sample, aided) {
-                Some(attitude) => self.rows.push(attitude),
-                None => return self.rest.extend(&chunk.samples()[index..]),
-            }
-        }
-    }
-}
-
-/// Processes the samples of a chunk with the model `aided`.
-fn process_aided(aided: &mut Aided<'_>, chunk: &mut Chunk) {
-    chunk.aided.resize_with(CHUNK_SAMPLES, AidedOutput::default);
-    for (sample, output) in chunk.samples[..chunk.len].iter().zip(&mut chunk.aided) {
-        aided.process(sample, output);
-    }
-}
-
-/// Number of parts. A chunk passes through the parts in order and returns to the first.
-const PARTS: usize = 3;
-
-/// Part of the filter.
-enum Part<'a, 's, S> {
-    Reader(Reader<'a, 's, S>),
-    Aided(Aided<'a>),
-    Writer(Writer<'a>),
-}
-
-impl<S: Source> Part<'_, '_, S> {
-    fn process(&mut self, chunk: &mut Chunk) {
-        match self {
-            Self::Reader(reader) => reader.process(chunk),
-            Self::Aided(aided) => process_aided(aided, chunk),
-            Self::Writer(writer) => writer.process(chunk),
-        }
-    }
-}
-
-/// Parts and chunks that the workers share.
-struct Pipeline<'a, 's, S> {
-    state: Mutex<State<'a, 's, S>>,
-    /// Signals that a part and a chunk were returned.
-    changed: Condvar,
-}
-
-/// Parts and chunks that are not in use at the moment.
-struct State<'a, 's, S> {
-    parts: [Option<Part<'a, 's, S>>; PARTS],
-    /// Chunks that wait for each part.
-    chunks: [VecDeque<Chunk>; PARTS],
-    /// Worker that has used each part last. Its processor holds the state of the part.
-    last_workers: [usize; PARTS],
-    /// Number of workers that wait for a change.
-    waiting: usize,
-    has_panicked: bool,
-}
-
-/// Part with a chunk for it.
-struct Task<'a, 's, S> {
-    index: usize,
-    part: Part<'a, 's, S>,
-    chunk: Chunk,
-}
-
-impl<'a, 's, S: Source> State<'a, 's, S> {
-    /// Removes a part for which a chunk is waiting, with the chunk.
+    /// Returns the next samples.
     ///
-    /// The parts that the worker has used last are preferred, and then the later parts.
-    fn next_task(&mut self, worker: usize) -> Option<Task<'a, 's, S>> {
-        let mut candidates = (0..PARTS).rev().filter(|index| self.can_run(*index));
-        let first = candidates.next()?;
-        let own = [first].into_iter().chain(candidates).find(|index| self.last_workers[*index] == worker);
-        let index = own.unwrap_or(first);
-        self.last_workers[index] = worker;
-        let (part, chunk) = self.parts[index].take().zip(self.chunks[index].pop_front())?;
-        Some(Task { index, part, chunk })
-    }
-
-    /// Returns `true` if a part and a chunk for it are present, unless the work ends.
-    fn can_run(&self, index: usize) -> bool {
-        let is_present = match &self.parts[index] {
-            None => false,
-            Some(Part::Reader(reader)) => !reader.is_finished(),
-            Some(Part::Aided(_) | Part::Writer(_)) => true,
-        };
-        let is_invalid = matches!(&self.parts[PARTS - 1], Some(Part::Writer(writer)) if !writer.rest.is_empty());
-        is_present && !is_invalid && !self.has_panicked && !self.chunks[index].is_empty()
-    }
-
-    /// Returns the part of a task that has been run, and passes on the chunk.
-    fn complete(&mut self, task: Task<'a, 's, S>) {
-        let Task { index, part, chunk } = task;
-        self.parts[index] = Some(part);
-        self.chunks[(index + 1) % PARTS].push_back(chunk);
-    }
-
-    /// Returns `true` if all parts are present. If no task can run, the work is then complete.
-    fn is_idle(&self) -> bool {
-        self.parts.iter().all(Option::is_some)
-    }
-}
-
-impl<'a, 's, S: Source> Pipeline<'a, 's, S> {
-    fn new(reader: Reader<'a, 's, S>, aided: Aided<'a>, writer: Writer<'a>) -> Self {
-        let state = State {
-            parts: [Some(Part::Reader(reader)), Some(Part::Aided(aided)), Some(Part::Writer(writer))],
-            chunks: [(0..CHUNKS).map(|_| Chunk::default()).collect(), VecDeque::new(), VecDeque::new()],
-            last_workers: [0; PARTS],
-            waiting: 0,
-            has_panicked: false,
-        };
-        Self { state: Mutex::new(state), changed: Condvar::new() }
-    }
-
-    /// Runs tasks until the work is complete.
-    fn work(&self, worker: usize) {
-        let _end = EndOnPanic(self);
-        let mut state = self.lock();
-        loop {
-            if let Some(mut task) = state.next_task(worker) {
-                drop(state);
-                task.part.process(&mut task.chunk);
-                state = self.lock();
-                state.complete(task);
-                if state.waiting > 0 {
-                    self.changed.notify_all();
-                }
-            } else if state.is_idle() || state.has_panicked {
-                self.changed.notify_all();
-                return;
-            } else {
-                state.waiting += 1;
-                state = self.changed.wait(state).unwrap_or_else(PoisonError::into_inner);
-                state.waiting -= 1;
+    /// A sample that depends on the attitude is the last one. After the last sample of the batch,
+    /// the result is empty.
+    fn read(&mut self) -> &[CheckedSample] {
+        self.len = 0;
+        for sample in self.chunk.iter_mut().take(self.source.len() - self.next) {
+            self.source.check(self.next, &mut self.sensors, sample);
+            self.next += 1;
+            self.len += 1;
+            if !sample.is_independent() {
+                break;
             }
         }
+        self.samples()
     }
 
-    fn lock(&self) -> MutexGuard<'_, State<'a, 's, S>> {
-        self.state.lock().unwrap_or_else(PoisonError::into_inner)
+    /// Returns the samples of the last [`read`](Self::read).
+    fn samples(&self) -> &[CheckedSample] {
+        &self.chunk[..self.len]
     }
 }
 
-/// Ends all workers if the thread panics, because its part is lost.
-struct EndOnPanic<'a, 'p, 's, S: Source>(&'a Pipeline<'p, 's, S>);
+/// Outputs of the model `aided` that are needed, each with the number of its sample in the chunk.
+type Outputs = Vec<(usize, AidedOutput)>;
 
-impl<S: Source> Drop for EndOnPanic<'_, '_, '_, S> {
-    fn drop(&mut self) {
-        if thread::panicking() {
-            self.0.lock().has_panicked = true;
-            self.0.changed.notify_all();
+/// Processes samples with the model `aided`, until one depends on the attitude or the receiver is
+/// closed. Provides the memory of the rows after the first [`PROVIDED_ROWS`].
+fn process_aided<S: Source>(
+    mut aided: Aided<'_>,
+    mut reader: Reader<'_, '_, S>,
+    memory: Memory,
+    sender: &SyncSender<Outputs>,
+) {
+    let mut is_independent = true;
+    let mut provided = reader.next + PROVIDED_ROWS;
+    while is_independent {
+        if provided <= reader.next {
+            memory.provide(reader.next..reader.next + PROVIDED_ROWS);
+            provided = reader.next + PROVIDED_ROWS;
+        }
+        let samples = reader.read();
+        if samples.is_empty() {
+            return;
+        }
+        let mut outputs = Outputs::new();
+        for (number, sample) in samples.iter().enumerate() {
+            is_independent = sample.is_independent();
+            if is_independent {
+                outputs.extend(aided.process(sample).map(|output| (number, output)));
+            }
+        }
+        if sender.send(outputs).is_err() {
+            return;
+        }
+    }
+}
+
+/// End of [`append_rows`].
+struct End {
+    /// Number of samples of the last chunk that have been processed.
+    processed: usize,
+    /// Set if the next sample has made the output of the fuser invalid.
+    is_invalid: bool,
+}
+
+/// Processes samples until the batch ends, a sample depends on the attitude, the output is invalid
+/// or the sender is closed. Appends their rows.
+fn append_rows<S: Source>(
+    mut output: Output<'_>,
+    reader: &mut Reader<'_, '_, S>,
+    outputs: Receiver<Outputs>,
+    rows: &mut Rows,
+) -> End {
+    loop {
+        let samples = reader.read();
+        if samples.is_empty() {
+            return End { processed: 0, is_invalid: false };
+        }
+        let Ok(outputs) = outputs.recv() else { return End { processed: 0, is_invalid: false } };
+        let mut outputs = outputs.iter().peekable();
+        for (number, sample) in samples.iter().enumerate() {
+            if !sample.is_independent() {
+                return End { processed: number, is_invalid: false };
+            }
+            let aided = outputs.next_if(|output| output.0 == number).map(|output| &output.1);
+            match output.process(sample, aided) {
+                Some(attitude) => rows.push(attitude),
+                None => return End { processed: number, is_invalid: true },
+            }
         }
     }
 }

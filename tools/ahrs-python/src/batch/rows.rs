@@ -1,11 +1,10 @@
 //! Rows of a batch: one value or one vector per sample.
 
+use std::ops::Range;
+
 use plumbline_ahrs::{Frame, attitude::course::DeferredAngles, parts::DeferredAttitude};
 
-use super::pages::provide_pages;
-
-/// Number of rows for which pages are provided in one call. They fit into the cache of a processor.
-const ROWS_WITH_PAGES: usize = 2048;
+use super::pages::Location;
 
 /// Values of the attitudes, row by row.
 pub(super) struct Rows {
@@ -20,8 +19,6 @@ pub(super) struct Rows {
     pub(super) flags: Vec<u64>,
     pub(super) tick: Vec<u64>,
     pub(super) reset_counter: Vec<u64>,
-    /// Number of rows for which pages were provided.
-    with_pages: usize,
 }
 
 impl Rows {
@@ -38,29 +35,26 @@ impl Rows {
             flags: Vec::with_capacity(len),
             tick: Vec::with_capacity(len),
             reset_counter: Vec::with_capacity(len),
-            with_pages: 0,
         }
     }
 
-    fn provide_pages(&mut self) {
-        let rows = ROWS_WITH_PAGES;
-        self.with_pages += rows;
-        provide_pages(&mut self.quaternion, rows);
-        provide_pages(&mut self.angles, rows);
-        provide_pages(&mut self.heading_sd_rad, rows);
-        provide_pages(&mut self.inclination_sd_rad, rows);
-        provide_pages(&mut self.rate_rad_s, rows);
-        provide_pages(&mut self.gyro_bias_rad_s, rows);
-        provide_pages(&mut self.flags, rows);
-        provide_pages(&mut self.tick, rows);
-        provide_pages(&mut self.reset_counter, rows);
+    /// Returns the memory of the rows. It is valid until more rows are appended than the capacity.
+    pub(super) fn memory(&self) -> Memory {
+        Memory([
+            Location::new(&self.quaternion),
+            Location::new(&self.angles),
+            Location::new(&self.heading_sd_rad),
+            Location::new(&self.inclination_sd_rad),
+            Location::new(&self.rate_rad_s),
+            Location::new(&self.gyro_bias_rad_s),
+            Location::new(&self.flags),
+            Location::new(&self.tick),
+            Location::new(&self.reset_counter),
+        ])
     }
 
     #[inline]
     pub(super) fn push(&mut self, attitude: &DeferredAttitude) {
-        if self.quaternion.len() == self.with_pages {
-            self.provide_pages();
-        }
         self.quaternion.push(attitude.quaternion_in(self.frame));
         self.angles.push(attitude.angles());
         self.heading_sd_rad.push(attitude.heading_sd_rad());
@@ -70,5 +64,16 @@ impl Rows {
         self.flags.push(attitude.flags().0);
         self.tick.push(attitude.tick());
         self.reset_counter.push(attitude.reset_counter());
+    }
+}
+
+/// Memory of [`Rows`], one location per column.
+#[derive(Clone, Copy)]
+pub(super) struct Memory([Location; 9]);
+
+impl Memory {
+    /// Provides the memory of rows, so that [`Rows::push`] does not wait for the kernel.
+    pub(super) fn provide(self, rows: Range<usize>) {
+        self.0.into_iter().for_each(|column| column.provide_pages(rows.clone()));
     }
 }

@@ -2,7 +2,7 @@
 //!
 //! Input: the input of the stage.
 //!
-//! Output: whether the body moves over ground, and the attitude of `aided` if it can be needed.
+//! Output: the attitude of `aided` and whether the body moves over ground, if they can be needed.
 //!
 //! Time: the interval of the motion.
 
@@ -27,12 +27,11 @@ pub struct AidedModel {
 }
 
 /// Output of [`AidedModel`] at a tick.
-#[derive(Debug, Clone, Copy, PartialEq, Default)]
+#[derive(Debug, Clone, Copy, PartialEq)]
 pub struct AidedOutput {
     pub(super) has_ground_motion: bool,
-    pub(super) reference: CourseReference,
-    /// Output of the stage; `None` if `wz` provides level and heading.
-    pub(super) fused: Option<Fused>,
+    /// Output of the stage.
+    pub(super) fused: Fused,
 }
 
 impl Default for AidedModel {
@@ -48,9 +47,11 @@ impl AidedModel {
         self.turns = TurnDetector::default();
     }
 
-    /// Processes a tick and replaces `output`. The input must be finite.
+    /// Processes a tick. The input must be finite.
+    ///
+    /// Returns `None` if `wz` provides level and heading.
     #[inline]
-    pub fn step(&mut self, input: &FuserInput, output: &mut AidedOutput) {
+    pub fn step(&mut self, input: &FuserInput) -> Option<AidedOutput> {
         let had_ground_motion = self.has_ground_motion();
         let corrections = self.stage.advance(input);
         let dt_s = input.motion.as_ref().map_or(0.0, |motion| motion.dt_s);
@@ -65,13 +66,7 @@ impl AidedModel {
         // The level is that of `aided` during ground motion. At the end of the ground motion, the
         // transition to `wz` starts from the attitude of `aided`.
         let is_needed = had_ground_motion || has_ground_motion || reference == CourseReference::True;
-        output.has_ground_motion = has_ground_motion;
-        output.reference = reference;
-        if is_needed {
-            output.fused = Some(self.stage.output(input, corrections));
-        } else {
-            output.fused = None;
-        }
+        is_needed.then(|| AidedOutput { has_ground_motion, fused: self.stage.output(input, corrections) })
     }
 
     /// Returns `true` if ground motion was detected within the last five minutes.

@@ -89,9 +89,8 @@ impl MultipleModel {
     }
 
     fn fuse(&mut self, input: &FuserInput) -> Fused {
-        let mut aided = AidedOutput::default();
-        self.aided.step(input, &mut aided);
-        self.wz.step(input, &aided)
+        let aided = self.aided.step(input);
+        self.wz.step(input, aided.as_ref())
     }
 }
 

@@ -84,16 +84,19 @@ impl WzModel {
         self.stage.realign();
     }
 
-    /// Processes a tick and returns the output of the stage `multiple-model`. The input must be
-    /// finite.
+    /// Processes a tick and returns the output of the stage `multiple-model`.
+    ///
+    /// The input must be finite. `aided` is the output of the model `aided` at this tick.
     #[inline]
-    pub fn step(&mut self, input: &FuserInput, aided: &AidedOutput) -> Fused {
+    pub fn step(&mut self, input: &FuserInput, aided: Option<&AidedOutput>) -> Fused {
         let wz = self.stage.fuse(input);
         let dt_s = input.motion.as_ref().map_or(0.0, |motion| motion.dt_s);
-        let selection = ModelSelection::new(aided.has_ground_motion, wz.reference, aided.reference);
+        let selection = aided.map_or(ModelSelection::WZ, |AidedOutput { has_ground_motion, fused }| {
+            ModelSelection::new(*has_ground_motion, wz.reference, fused.reference)
+        });
         let previous = core::mem::replace(&mut self.selection, selection);
         let uses_aided = [previous.level, selection.level, selection.heading].contains(&Model::Aided);
-        let Some(aided) = aided.fused.as_ref().filter(|_| uses_aided) else {
+        let Some(AidedOutput { fused: aided, .. }) = aided.filter(|_| uses_aided) else {
             return self.combine(&wz, &wz, None, wz.corrections.aligned, dt_s);
         };
         let Selected { level, heading } = selection.pick(&wz, aided);
