@@ -352,4 +352,9 @@ impl<M: Message> Subscriber<M> {
         self.observed.set(self.waker.current());
         outcome
     }
+
+    /// Returns `true` if [`wait`](Self::wait) would return immediately.
+    pub fn has_new_message(&self) -> bool {
+        self.waker.current() != self.observed.get()
+    }
 }

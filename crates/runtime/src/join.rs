@@ -3,7 +3,7 @@
 //! - Input: the messages of each input in tick order. The inputs may interleave in any way.
 //! - Output: ticks in order, each with the messages that belong to it.
 //! - Time: no clock is read. Waiting is measured in ticks, so that a replay makes the same
-//!   decisions.
+//!   decisions. The times of publication determine only which input a service sleeps on.
 //! - Failure: a missing message is skipped, counted and reported.
 //!
 //! A *dense* input has a message for every tick. A *sparse* input has one only for ticks that carry
@@ -11,7 +11,7 @@
 //! sparse input named by the tick's flags, has delivered or skipped the tick or is absent. An
 //! incomplete tick is released once any dense input is `lateness_ticks` ahead of it.
 
-use std::{cmp::Reverse, collections::VecDeque};
+use std::collections::VecDeque;
 
 use messages::{Flags, Ticked};
 use swap::Sequence;
@@ -27,6 +27,8 @@ pub trait TickStamped {
     fn flags(&self) -> Flags;
     /// Returns the incarnation of the publisher.
     fn publisher(&self) -> u32;
+    /// Returns the time of publication, CLOCK_MONOTONIC, ns.
+    fn t_sent_ns(&self) -> u64;
 }
 
 impl<M: Ticked> TickStamped for M {
@@ -40,6 +42,10 @@ impl<M: Ticked> TickStamped for M {
 
     fn publisher(&self) -> u32 {
         self.header().incarnation
+    }
+
+    fn t_sent_ns(&self) -> u64 {
+        self.header().t_sent_ns
     }
 }
 
@@ -55,8 +61,8 @@ pub struct JoinInput<M> {
     publisher: u32,
     /// First tick for which the input has no publisher; `u64::MAX` while it has one.
     absent_from: u64,
-    /// Number of messages that the join had received when this input's newest one arrived.
-    arrival: u64,
+    /// Time at which the newest message was published, ns.
+    t_sent_ns: u64,
 }
 
 impl<M: Ticked> Default for JoinInput<M> {
@@ -69,7 +75,7 @@ impl<M> JoinInput<M> {
     /// Creates a sparse input for ticks with `flag`, or a dense input if `flag` is
     /// [`Flags::NONE`].
     pub fn new(flag: Flags) -> Self {
-        Self { queue: VecDeque::new(), flag, next_tick: 0, publisher: 0, absent_from: u64::MAX, arrival: 0 }
+        Self { queue: VecDeque::new(), flag, next_tick: 0, publisher: 0, absent_from: u64::MAX, t_sent_ns: 0 }
     }
 
     /// Sets the first tick for which the input has no publisher; `u64::MAX` if it has one.
@@ -81,9 +87,9 @@ impl<M> JoinInput<M> {
 impl<M: TickStamped> JoinInput<M> {
     /// Returns the status, from which the join determines the next tick.
     pub fn status(&self) -> InputStatus {
-        let Self { flag, next_tick, absent_from, arrival, .. } = *self;
+        let Self { flag, next_tick, absent_from, t_sent_ns, .. } = *self;
         let front = self.queue.front().map(|message| (message.tick(), message.flags()));
-        InputStatus { flag, next_tick, absent_from, arrival, front, is_full: self.queue.len() >= MAX_QUEUED }
+        InputStatus { flag, next_tick, absent_from, t_sent_ns, front, is_full: self.queue.len() >= MAX_QUEUED }
     }
 
     /// Removes and returns the message of `tick`, discarding older messages.
@@ -102,7 +108,7 @@ impl<M: TickStamped> JoinInput<M> {
         if self.flag != Flags::NONE && self.queue.len() >= MAX_QUEUED {
             return;
         }
-        (self.next_tick, self.publisher) = (tick.saturating_add(1), publisher);
+        (self.next_tick, self.publisher, self.t_sent_ns) = (tick.saturating_add(1), publisher, message.t_sent_ns());
         self.queue.push_back(message);
     }
 }
@@ -113,7 +119,7 @@ pub struct InputStatus {
     flag: Flags,
     next_tick: u64,
     absent_from: u64,
-    arrival: u64,
+    t_sent_ns: u64,
     front: Option<(u64, Flags)>,
     is_full: bool,
 }
@@ -195,8 +201,6 @@ pub struct Join<I> {
     backlog_deadline: u64,
     emits_empty_ticks: bool,
     sequence: Sequence,
-    /// Number of messages received.
-    arrivals: u64,
 }
 
 /// One tick of the joined stream.
@@ -214,15 +218,7 @@ impl<I: JoinInputs> Join<I> {
     /// Creates a join that waits `lateness_ticks` for a missing message.
     pub fn new(inputs: I, lateness_ticks: u64) -> Self {
         let sequence = Sequence::default();
-        Self {
-            inputs,
-            lateness_ticks,
-            backlog_end: 0,
-            backlog_deadline: 0,
-            emits_empty_ticks: false,
-            sequence,
-            arrivals: 0,
-        }
+        Self { inputs, lateness_ticks, backlog_end: 0, backlog_deadline: 0, emits_empty_ticks: false, sequence }
     }
 
     /// Creates a join that also emits ticks for which no input has a message. A series of such
@@ -261,8 +257,6 @@ impl<I: JoinInputs> Join<I> {
     /// returns `None`.
     pub fn offer<M: TickStamped>(&mut self, select: impl FnOnce(&mut I) -> Option<&mut JoinInput<M>>, message: M) {
         if let Some(input) = select(&mut self.inputs) {
-            self.arrivals += 1;
-            input.arrival = self.arrivals;
             input.offer(message, &mut self.sequence);
         }
         if self.sequence.next_tick < self.backlog_end {
@@ -304,6 +298,13 @@ impl<I: JoinInputs> Join<I> {
         self.next_due().err().unwrap_or(0)
     }
 
+    /// Returns `true` if an input has a message for a tick that is not complete yet.
+    pub fn has_incomplete_tick(&self) -> bool {
+        let mut has_message = false;
+        self.inputs.each(&mut |input| has_message |= input.front.is_some());
+        has_message
+    }
+
     /// Returns the position and counters of the joined stream.
     pub fn sequence(&self) -> &Sequence {
         &self.sequence
@@ -318,16 +319,15 @@ impl<I: JoinInputs> Join<I> {
     fn next_due(&self) -> Result<u64, usize> {
         let (mut newest, mut first, mut is_full) = (None, None, false);
         // Finds the dense input that is furthest behind among those that have a publisher. If
-        // several are at the same tick, it is the one that received its message last: when this
-        // input receives the next tick, the others usually have it already, so a service waits only
-        // once per tick.
+        // several are at the same tick, it is the one with the earliest message. The service is
+        // then awake when the others publish the next tick.
         let (mut index, mut slowest) = (0, None);
         self.inputs.each(&mut |input| {
             is_full |= input.is_full;
             if input.is_dense() {
                 newest = newest.max(input.next_tick.checked_sub(1));
                 first = [first, input.front_tick()].into_iter().flatten().min();
-                let position = (input.next_tick, Reverse(input.arrival));
+                let position = (input.next_tick, input.t_sent_ns);
                 let is_published = input.next_tick < input.absent_from;
                 if is_published && slowest.is_none_or(|(least, _)| position < least) {
                     slowest = Some((position, index));
@@ -484,15 +484,26 @@ mod tests {
     }
 
     #[test]
-    fn join_awaits_the_input_that_arrived_last() {
+    fn join_awaits_the_input_that_was_published_first() {
         let mut join = join(1000);
-        join.accel(0, NONE);
-        join.gyro(0, NONE);
-        assert_eq!((join.drain(), join.awaited_input()), (vec![(0, "both", 0)], 0));
-        join.gyro(1, NONE);
-        join.accel(1, NONE);
-        assert_eq!((join.drain(), join.awaited_input()), (vec![(1, "both", 0)], 1));
-        join.accel(2, NONE);
+        let gyro = |join: &mut Join<Inputs>, tick, t_sent_ns| {
+            let header = Header { t_sent_ns, ..header(tick, NONE) };
+            join.offer(|inputs| Some(&mut inputs.gyro), GyroStep { header, ..bytemuck::Zeroable::zeroed() });
+        };
+        let accel = |join: &mut Join<Inputs>, tick, t_sent_ns| {
+            let header = Header { t_sent_ns, ..header(tick, NONE) };
+            join.offer(|inputs| Some(&mut inputs.accel), AccelPoint { header, ..bytemuck::Zeroable::zeroed() });
+        };
+        gyro(&mut join, 0, 20);
+        accel(&mut join, 0, 10);
+        assert_eq!((join.drain(), join.awaited_input()), (vec![(0, "both", 0)], 1));
+        assert!(!join.has_incomplete_tick());
+        gyro(&mut join, 1, 30);
+        assert_eq!((join.drain(), join.awaited_input()), (vec![], 1), "accel is behind");
+        assert!(join.has_incomplete_tick());
+        accel(&mut join, 1, 40);
+        assert_eq!((join.drain(), join.awaited_input()), (vec![(1, "both", 0)], 0));
+        accel(&mut join, 2, 50);
         assert_eq!((join.drain(), join.awaited_input()), (vec![], 0), "gyro is behind");
     }
 

@@ -21,6 +21,7 @@
 //! | [`ordered_subscriber`] | subscriber that delivers each tick once and in order |
 //! | [`slot_service`] | service of a slot, independent of bus and clock |
 //! | [`input_scheduling`] | choice of the input that is polled next |
+//! | `brief_wait` | wait without sleeping for the rest of a tick |
 //! | [`service`] | main loop of a service on the bus |
 //! | [`comparable`] | attitude of an output, for comparison |
 //! | [`shadow`] | comparison of a candidate with the owner of its slot |
@@ -28,6 +29,7 @@
 //! | [`clock`] | monotonic clock and processor time |
 #![forbid(unsafe_code)]
 
+mod brief_wait;
 pub mod checkpoint;
 pub mod clock;
 pub mod comparable;

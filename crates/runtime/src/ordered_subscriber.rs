@@ -19,6 +19,8 @@ pub trait SlotInput<I> {
     /// Sleeps until a message is published, for at most `limit` if given, or until the supervisor
     /// wakes the services that wait for an idle topic.
     fn wait(&self, limit: Option<Duration>) -> WaitOutcome;
+    /// Returns `true` if [`wait`](Self::wait) would not sleep.
+    fn has_new_message(&self) -> bool;
     /// Returns the tick after the highest one announced for publication.
     fn next_tick(&self) -> u64;
     /// Returns the numbers of discarded messages: duplicates from one publisher, and ticks repeated
@@ -150,6 +152,10 @@ impl<I: From<M>, M: Ticked> SlotInput<I> for OrderedSubscriber<M> {
         if self.stream.borrow().has_staged() { WaitOutcome::Published } else { self.subscriber.wait(limit) }
     }
 
+    fn has_new_message(&self) -> bool {
+        self.stream.borrow().has_staged() || self.subscriber.has_new_message()
+    }
+
     fn next_tick(&self) -> u64 {
         self.subscriber.next_tick()
     }
@@ -173,6 +179,10 @@ impl<I: From<M>, M: Message> SlotInput<I> for Subscriber<M> {
 
     fn wait(&self, limit: Option<Duration>) -> WaitOutcome {
         Subscriber::wait(self, limit)
+    }
+
+    fn has_new_message(&self) -> bool {
+        Subscriber::has_new_message(self)
     }
 
     fn next_tick(&self) -> u64 {

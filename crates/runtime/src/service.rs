@@ -1,10 +1,12 @@
 //! Main loop of a slot's service on the bus.
 
+use std::thread::yield_now;
+
 use bus::{BusError, Publisher, Subscriber};
 use messages::{Checkpoint, Control, State, Ticked};
 
 use crate::{
-    Role, RuntimeError, ServiceContext, clock::monotonic_ns, input_scheduling::poll_fairly,
+    Role, RuntimeError, ServiceContext, brief_wait::BriefWait, clock::monotonic_ns, input_scheduling::poll_fairly,
     ordered_subscriber::SlotInputs, service_config::CONTROL_BUFFER, shadow::ShadowComparison, slot::SlotProcessor,
     slot_service::SlotService,
 };
@@ -53,6 +55,7 @@ pub struct SlotLoop<S: SlotProcessor> {
     checkpoints: Publisher<Checkpoint>,
     control: Subscriber<Control>,
     shadow: Option<ShadowComparison<S::Output>>,
+    brief_wait: BriefWait,
     /// Number of messages that are read from one input before the others are polled.
     batch_size: usize,
     /// Maximum number of polls in a round that leave further messages unread.
@@ -86,6 +89,7 @@ impl<S: SlotProcessor> SlotLoop<S> {
             service,
             inputs,
             context,
+            brief_wait: BriefWait::default(),
         };
         slot_loop.publish_health(State::READY)?;
         slot_loop.context.bus.wake_all();
@@ -181,7 +185,10 @@ impl<S: SlotProcessor> ServiceLoop for SlotLoop<S> {
     }
 
     fn wait(&mut self) {
-        if let Some(awaited) = self.inputs.get(self.service.awaited_input()) {
+        let Some(awaited) = self.inputs.get(self.service.awaited_input()) else { return };
+        let is_published =
+            self.service.has_incomplete_tick() && self.brief_wait.wait(yield_now, || awaited.has_new_message());
+        if !is_published {
             self.context.wait(&**awaited);
         }
     }

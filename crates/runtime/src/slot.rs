@@ -36,6 +36,11 @@ pub trait SlotProcessor {
         0
     }
 
+    /// Returns `true` if an input has a message for an output that waits for another input.
+    fn has_incomplete_tick(&self) -> bool {
+        false
+    }
+
     /// Returns the cause if the stage has failed permanently, else `None`.
     fn failure(&self) -> Option<String>;
 

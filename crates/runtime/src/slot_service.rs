@@ -170,6 +170,11 @@ impl<S: SlotProcessor> SlotService<S> {
         self.slot.awaited_input()
     }
 
+    /// Returns `true` if an input has a message for an output that waits for another input.
+    pub fn has_incomplete_tick(&self) -> bool {
+        self.slot.has_incomplete_tick()
+    }
+
     /// Returns `true` if the service owns the next tick.
     pub fn owns_next_tick(&self) -> bool {
         self.gate.owns_next_tick()

@@ -141,6 +141,10 @@ impl SlotProcessor for FuserSlot {
         self.join.awaited_input()
     }
 
+    fn has_incomplete_tick(&self) -> bool {
+        self.join.has_incomplete_tick()
+    }
+
     fn failure(&self) -> Option<String> {
         self.fuser.failure().map(|failure| failure.to_string())
     }

@@ -127,4 +127,8 @@ impl TickStamped for TopicMessage {
     fn publisher(&self) -> u32 {
         0
     }
+
+    fn t_sent_ns(&self) -> u64 {
+        0
+    }
 }
