@@ -118,13 +118,14 @@ impl Supervision {
     /// Returns the oldest tick that is guaranteed to stay in the topics until it is read.
     ///
     /// If the source waits for credit, this guarantee holds even after it has published every tick
-    /// for which credit was granted. Otherwise messages older than half of the buffer may be
-    /// overwritten before they are read.
+    /// for which credit was granted, and another window. A process that starts now may read its
+    /// first message only then. Otherwise messages older than half of the buffer may be overwritten
+    /// before they are read.
     pub(crate) fn held_from(&self) -> u64 {
         let buffer_ticks = self.config.buffer_ticks;
         let newest = self.published.iter().max().copied().unwrap_or(0);
         if self.source_waits() {
-            newest.max(self.flow.granted_ticks).saturating_sub(buffer_ticks)
+            (newest.max(self.flow.granted_ticks) + self.config.window_ticks).saturating_sub(buffer_ticks)
         } else {
             newest.saturating_sub(buffer_ticks / 2)
         }
@@ -272,8 +273,8 @@ mod tests {
     }
 
     #[test]
-    fn held_from_covers_granted_credit_in_lockstep() {
-        for (lockstep, held_from) in [(true, 300 + 20 - 200), (false, 320 - 100)] {
+    fn held_from_covers_the_next_window_in_lockstep() {
+        for (lockstep, held_from) in [(true, 300 + 20 + 20 - 200), (false, 320 - 100)] {
             let config = Config { lockstep, ..config(20) };
             let mut supervision = Supervision::new(config, Duration::ZERO);
             supervision.flow.granted_ticks = if lockstep { 320 } else { u64::MAX };
