@@ -12,7 +12,7 @@ use crate::clock::monotonic_ns;
 
 /// Maximum number of yields in a wait.
 const MAX_YIELDS: u32 = 20;
-/// Duration from which a wait counts as long.
+/// Duration after which a wait ends and yields are suspended.
 const LONG_WAIT: Duration = Duration::from_micros(500);
 /// Time for which yields are suspended after a long wait.
 const SUSPENSION: Duration = Duration::from_millis(100);
@@ -29,17 +29,21 @@ impl BriefWait {
     /// wait.
     pub(crate) fn wait(&mut self, yield_now: impl Fn(), is_published: impl Fn() -> bool) -> bool {
         let start_ns = monotonic_ns();
+        if start_ns < self.suspended_until_ns {
+            return false;
+        }
         for _ in 0..MAX_YIELDS {
-            if start_ns < self.suspended_until_ns {
-                return false;
-            }
             yield_now();
             let now_ns = monotonic_ns();
-            if u128::from(now_ns - start_ns) > LONG_WAIT.as_nanos() {
+            let is_long = u128::from(now_ns - start_ns) > LONG_WAIT.as_nanos();
+            if is_long {
                 self.suspended_until_ns = now_ns + SUSPENSION.as_nanos() as u64;
             }
             if is_published() {
                 return true;
+            }
+            if is_long {
+                return false;
             }
         }
         false
