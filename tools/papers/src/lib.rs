@@ -18,7 +18,6 @@
 //! | [`page`] | HTML page |
 #![forbid(unsafe_code)]
 
-mod block_diagram;
 mod error;
 mod heatmap;
 pub mod page;
@@ -29,7 +28,7 @@ pub mod s1;
 pub mod s2;
 pub mod s3;
 pub mod s4;
-mod scene;
+mod sphere;
 mod table;
 
 use std::path::Path;

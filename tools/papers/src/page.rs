@@ -36,7 +36,7 @@ pub(crate) fn write_section(paper: Paper, folder: &Path, parts: &[Part], svgs: &
             escape_html(&part.caption)
         );
         text += &match &part.picture {
-            Picture::Figure(_) => svg_element(svg),
+            Picture::Drawing(_) | Picture::Figure(_) => svg_element(svg),
             Picture::Table(table) => table.to_html(),
         };
     }

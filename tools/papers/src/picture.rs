@@ -1,24 +1,25 @@
 //! Figures and tables, and the files they are written to.
 
-use std::{fs, path::Path};
+use std::{error::Error, fs, path::Path};
 
 use figures::{Area, Chart, Draw, DrawResult};
 use plotters::prelude::*;
 
-use crate::{PaperError, block_diagram::BlockDiagram, heatmap::Heatmap, scene::Scene, table::Table};
+use crate::{PaperError, heatmap::Heatmap, sphere::Sphere, table::Table};
 
 /// Panel of a figure.
 #[derive(Debug)]
 pub(crate) enum Panel {
     Chart(Chart),
     Heatmap(Heatmap),
-    Scene(Scene),
-    BlockDiagram(BlockDiagram),
+    Sphere(Sphere),
 }
 
 /// Figure or table.
 #[derive(Debug)]
 pub enum Picture {
+    /// Figure without computed data: the text of its SVG file.
+    Drawing(&'static str),
     /// Figure with one or more panels.
     Figure(Figure),
     /// Table, which is both drawn and available as text.
@@ -47,10 +48,14 @@ pub struct Part {
 }
 
 impl Part {
+    /// Creates a figure from the text of its SVG file.
+    pub(crate) fn drawing(name: &'static str, title: &str, caption: &str, svg: &'static str) -> Self {
+        Self { name, title: title.into(), caption: caption.into(), picture: Picture::Drawing(svg) }
+    }
+
     /// Writes `NAME.svg` to a folder. Returns the SVG text.
     pub(crate) fn write(&self, folder: &Path) -> Result<String, PaperError> {
-        let svg = figures::svg(self.picture.size(), &self.picture)
-            .map_err(|cause| PaperError::Draw { picture: self.name, cause })?;
+        let svg = self.picture.to_svg().map_err(|cause| PaperError::Draw { picture: self.name, cause })?;
         let path = folder.join(format!("{}.svg", self.name));
         fs::write(&path, &svg).map_err(|cause| PaperError::Write { path, cause })?;
         Ok(svg)
@@ -58,32 +63,28 @@ impl Part {
 }
 
 impl Picture {
-    fn size(&self) -> (u32, u32) {
+    /// Returns the text of the SVG file.
+    fn to_svg(&self) -> Result<String, Box<dyn Error + Send + Sync>> {
         match self {
-            Self::Figure(figure) => figure.size,
-            Self::Table(table) => table.size(),
+            Self::Drawing(svg) => Ok((*svg).into()),
+            Self::Figure(figure) => figures::svg(figure.size, figure),
+            Self::Table(table) => figures::svg(table.size(), table),
         }
     }
 }
 
-impl Draw for Picture {
+impl Draw for Figure {
     fn draw<B: DrawingBackend>(&self, area: &Area<B>) -> DrawResult
     where
         B::ErrorType: 'static,
     {
-        match self {
-            Self::Figure(Figure { panels, columns, .. }) => {
-                let areas = area.split_evenly((panels.len().div_ceil(*columns), *columns));
-                for (area, panel) in areas.iter().zip(panels) {
-                    match panel {
-                        Panel::Chart(chart) => chart.draw(area)?,
-                        Panel::Heatmap(heatmap) => heatmap.draw(area)?,
-                        Panel::Scene(scene) => scene.draw(area)?,
-                        Panel::BlockDiagram(diagram) => diagram.draw(area)?,
-                    }
-                }
+        let areas = area.split_evenly((self.panels.len().div_ceil(self.columns), self.columns));
+        for (area, panel) in areas.iter().zip(&self.panels) {
+            match panel {
+                Panel::Chart(chart) => chart.draw(area)?,
+                Panel::Heatmap(heatmap) => heatmap.draw(area)?,
+                Panel::Sphere(sphere) => sphere.draw(area)?,
             }
-            Self::Table(table) => table.draw(area)?,
         }
         Ok(())
     }

@@ -2,7 +2,7 @@
 
 use std::fmt::{self, Display};
 
-use figures::{Area, DrawResult, style::TEXT};
+use figures::{Area, Draw, DrawResult, style::TEXT};
 use plotters::{
     prelude::*,
     style::text_anchor::{HPos, Pos, VPos},
@@ -50,7 +50,17 @@ impl Table {
         (self.column_pixels().iter().sum::<u32>() + 2 * MARGIN, (self.rows.len() as u32 + 1) * ROW_HEIGHT + 2 * MARGIN)
     }
 
-    pub(crate) fn draw<B: DrawingBackend>(&self, area: &Area<B>) -> DrawResult
+    pub(crate) fn to_html(&self) -> String {
+        let cells = |cells: &[String], tag: &str| {
+            cells.iter().map(|cell| format!("<{tag}>{}</{tag}>", crate::page::escape_html(cell))).collect::<String>()
+        };
+        let rows: String = self.rows.iter().map(|row| format!("<tr>{}</tr>\n", cells(row, "td"))).collect();
+        format!("<table><tr>{}</tr>\n{rows}</table>\n", cells(&self.header, "th"))
+    }
+}
+
+impl Draw for Table {
+    fn draw<B: DrawingBackend>(&self, area: &Area<B>) -> DrawResult
     where
         B::ErrorType: 'static,
     {
@@ -73,14 +83,6 @@ impl Table {
             area.draw(&PathElement::new(vec![(margin, bottom), (right, bottom)], rule))?;
         }
         Ok(())
-    }
-
-    pub(crate) fn to_html(&self) -> String {
-        let cells = |cells: &[String], tag: &str| {
-            cells.iter().map(|cell| format!("<{tag}>{}</{tag}>", crate::page::escape_html(cell))).collect::<String>()
-        };
-        let rows: String = self.rows.iter().map(|row| format!("<tr>{}</tr>\n", cells(row, "td"))).collect();
-        format!("<table><tr>{}</tr>\n{rows}</table>\n", cells(&self.header, "th"))
     }
 }
 

@@ -14,7 +14,7 @@ use plotters::style::{BLACK, Color, RGBColor};
 use crate::{
     Progress,
     picture::{Figure, Panel, Part, Picture},
-    scene::{Scene, Shape},
+    sphere::{Shape, Sphere},
     table::Table,
 };
 pub use operations::{OperationComparison, Operations};
@@ -41,8 +41,9 @@ pub(crate) fn parts(progress: &mut Progress<'_>) -> Vec<Part> {
     let noisy = runs::with_errors().unwrap_or_default();
     progress.step();
     let results = Results::new(&noise_free, &noisy);
-    let mut parts = drawings::parts();
-    parts.extend([
+    vec![
+        drawings::rotations(),
+        drawings::projection(),
         parameters(&noise_free),
         angles(&noise_free, &results),
         path(&noise_free, &results),
@@ -53,8 +54,7 @@ pub(crate) fn parts(progress: &mut Progress<'_>) -> Vec<Part> {
         table(&results),
         errors(&results),
         operations_table(),
-    ]);
-    parts
+    ]
 }
 
 fn time_axis() -> Axis {
@@ -121,13 +121,6 @@ fn angles(noise_free: &[NoiseFreeSample], results: &Results) -> Part {
     }
 }
 
-/// Returns a panel with the unit sphere and additional shapes.
-fn sphere(title: &str, shapes: Vec<Shape>) -> Panel {
-    let mut all = drawings::sphere();
-    all.extend(shapes);
-    Panel::Scene(Scene { title: title.into(), azimuth_deg: -65.0, elevation_deg: 24.0, half_extent: 1.55, shapes: all })
-}
-
 fn plane(title: &str, curves: Vec<Curve>) -> Panel {
     Panel::Chart(Chart {
         title: title.into(),
@@ -162,7 +155,7 @@ fn path(noise_free: &[NoiseFreeSample], results: &Results) -> Part {
         Shape::LegendEntry { color: BLUE, label: "tip of k''".into() },
     ];
     let panels = vec![
-        sphere("Riemann sphere, noise-free", shapes),
+        Panel::Sphere(Sphere { title: "Riemann sphere, noise-free".into(), shapes }),
         plane("w plane", vec![Curve::new("w", ORANGE, LineStyle::Thick, coordinates(&w))]),
     ];
     Part {
@@ -191,7 +184,7 @@ fn path_with_errors(noisy: &[NoisySample], results: &Results) -> Part {
         Shape::LegendEntry { color: ORANGE, label: "gyros: drifting spiral".into() },
     ];
     let panels = vec![
-        sphere("Riemann sphere, with errors", shapes),
+        Panel::Sphere(Sphere { title: "Riemann sphere, with errors".into(), shapes }),
         plane(
             "w plane",
             vec![

@@ -11,7 +11,6 @@ use plotters::style::{BLACK, RGBColor};
 
 use crate::{
     Progress,
-    block_diagram::{Arrow, Block, BlockDiagram},
     picture::{Figure, Panel, Part, Picture},
     table::Table,
 };
@@ -55,36 +54,12 @@ pub(crate) fn parts(progress: &mut Progress<'_>) -> Vec<Part> {
 }
 
 fn figure_1() -> Part {
-    let block = |at, size, lines| Block { at, size, lines };
-    let arrow = |path, label| Arrow { path, label };
-    let diagram = BlockDiagram {
-        title: "figure 1 with equations (1) to (4)".into(),
-        size: (12.0, 5.0),
-        blocks: vec![
-            block((2.4, 1.2), (3.0, 1.3), &["q_g = q + ½ dt q ⊗ (0, ω)", "(1)"]),
-            block((2.4, 3.8), (3.0, 1.5), &["F = q* ⊗ (0, d) ⊗ q − (0, s)", "∇F = Jᵀ F   (2), (3)"]),
-            block((6.6, 3.8), (2.6, 1.5), &["original: β dt ∇F(q)/|∇F|", "improved: β dt ∇F(q_g)"]),
-            block((6.6, 1.2), (1.6, 1.1), &["−", "(4)"]),
-            block((10.0, 1.2), (2.0, 1.1), &["q / |q|"]),
-        ],
-        arrows: vec![
-            arrow(&[(0.1, 1.2), (0.9, 1.2)], "ω"),
-            arrow(&[(0.1, 3.8), (0.9, 3.8)], "a, m"),
-            arrow(&[(3.9, 1.2), (5.8, 1.2)], "q_g"),
-            arrow(&[(3.9, 3.8), (5.3, 3.8)], "∇F"),
-            arrow(&[(6.6, 3.05), (6.6, 1.75)], "step"),
-            arrow(&[(7.4, 1.2), (9.0, 1.2)], ""),
-            arrow(&[(11.0, 1.2), (11.9, 1.2)], "q"),
-            arrow(&[(11.4, 1.2), (11.4, 2.5), (2.4, 2.5), (2.4, 1.85)], ""),
-            arrow(&[(2.4, 2.5), (2.4, 3.05)], "q of the previous tick"),
-        ],
-    };
-    Part {
-        name: "figure-1",
-        title: "Figure 1: block diagram of the filter".into(),
-        caption: "Stages madgwick and madgwick-improved. Here q_g is the exact rotation from the gyro slot, of which (1) is a first-order (Euler) step.".into(),
-        picture: Picture::Figure(Figure { size: (1000, 420), columns: 1, panels: vec![Panel::BlockDiagram(diagram)] }),
-    }
+    Part::drawing(
+        "figure-1",
+        "Figure 1: block diagram of the filter",
+        "Stages madgwick and madgwick-improved. Here q_g is the exact rotation from the gyro slot, of which (1) is a first-order (Euler) step.",
+        include_str!("../../drawings/s3/figure-1.svg"),
+    )
 }
 
 /// Returns quaternions over time. The sign of each quaternion is chosen so that it is close to the
