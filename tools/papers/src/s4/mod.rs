@@ -3,6 +3,7 @@
 mod drawings;
 mod runs;
 
+use attitude::metrics::AngleError;
 use figures::{
     Axis, Chart, Curve,
     style::{BLUE, GREEN, LineStyle, ORANGE, PURPLE, SKY},
@@ -14,7 +15,7 @@ use crate::{
     picture::{Figure, Panel, Part, Picture},
     table::Table,
 };
-use runs::{DURATION_S, ErrorSample, SEEDS, STAGES, StageErrors, run_flights};
+use runs::{DURATION_S, SEEDS, STAGES, StageErrors, run_flights};
 pub use runs::{GnssCoverage, SquaredErrors};
 
 /// Number of simulation runs: one for each GNSS coverage and each seed.
@@ -72,15 +73,15 @@ fn line(
     name: &str,
     color: RGBColor,
     style: LineStyle,
-    samples: &[ErrorSample],
-    value: fn(&ErrorSample) -> f64,
+    samples: &[(f64, AngleError)],
+    value: fn(&AngleError) -> f64,
 ) -> Curve {
-    let values: Vec<_> = samples.iter().map(|sample| (sample.t_s, value(sample))).collect();
+    let values: Vec<_> = samples.iter().map(|(t_s, error)| (*t_s, value(error))).collect();
     Curve::over_time(name, color, style, &values, 180.0)
 }
 
 fn errors(name: &'static str, title: &str, range_deg: f64, flights: &[StageErrors], caption: &str) -> Part {
-    let panel = |title: &str, label, value: fn(&ErrorSample) -> f64| {
+    let panel = |title: &str, label, value: fn(&AngleError) -> f64| {
         // The most accurate stage is drawn last, so that its curve is on top.
         let curves = STAGES
             .iter()
@@ -96,8 +97,8 @@ fn errors(name: &'static str, title: &str, range_deg: f64, flights: &[StageError
         })
     };
     let panels = vec![
-        panel("pitch", "pitch error, °", |sample| sample.pitch_deg),
-        panel("roll", "roll error, °", |sample| sample.roll_deg),
+        panel("pitch", "pitch error, °", |error| error.pitch_deg),
+        panel("roll", "roll error, °", |error| error.roll_deg),
     ];
     let rms: Vec<_> = STAGES
         .iter()
@@ -120,11 +121,12 @@ fn errors(name: &'static str, title: &str, range_deg: f64, flights: &[StageError
 fn course(always: &[StageErrors], gaps: &[StageErrors]) -> Part {
     let panel = |title: &str, flights: &[StageErrors]| {
         let samples = |stage: usize| flights.get(stage).map_or(&[][..], |errors| &errors.samples);
+        // The heading is positive clockwise, like the course.
         let curves = vec![
-            line("levelling, track", SKY, LineStyle::Wide, samples(0), |sample| sample.course_deg),
-            line("levelling-unified", PURPLE, LineStyle::Thick, samples(1), |sample| sample.heading_deg),
-            line("levelling-pi, track", ORANGE, LineStyle::Thin, samples(2), |sample| sample.course_deg),
-            line("aided", BLUE, LineStyle::Thin, samples(3), |sample| sample.heading_deg),
+            line("levelling, track", SKY, LineStyle::Wide, samples(0), |error| error.course_deg),
+            line("levelling-unified", PURPLE, LineStyle::Thick, samples(1), |error| -error.yaw_deg),
+            line("levelling-pi, track", ORANGE, LineStyle::Thin, samples(2), |error| error.course_deg),
+            line("aided", BLUE, LineStyle::Thin, samples(3), |error| -error.yaw_deg),
         ];
         Panel::Chart(Chart {
             title: title.into(),
@@ -137,10 +139,10 @@ fn course(always: &[StageErrors], gaps: &[StageErrors]) -> Part {
     let levelling = always.first().map_or(&[][..], |errors| &errors.samples);
     // The gyroscopic course starts at an arbitrary direction, so only its change since the start is
     // an error.
-    let start_deg = levelling.first().map_or(0.0, |sample| sample.heading_deg);
+    let start_deg = levelling.first().map_or(0.0, |(_, error)| error.yaw_deg);
     let gyroscopic: Vec<_> = levelling
         .iter()
-        .map(|m| (m.t_s, attitude::state::wrapped_rad((m.heading_deg - start_deg).to_radians()).to_degrees()))
+        .map(|(t_s, error)| (*t_s, attitude::state::wrapped_rad((start_deg - error.yaw_deg).to_radians()).to_degrees()))
         .collect();
     let alone = Panel::Chart(Chart {
         title: "gyroscopic course alone".into(),

@@ -6,8 +6,8 @@ use attitude::{
     course::{Course, CourseInput},
     fuser::{Fuser, FuserInput},
     gyro::{Gyro, RateSample},
+    metrics::AngleError,
     stage::Stage,
-    state::wrapped_rad,
 };
 use scenario::Scenario;
 
@@ -46,18 +46,6 @@ impl GnssCoverage {
     }
 }
 
-/// Signed errors of a stage at one time, degrees.
-#[derive(Debug, Clone, Copy)]
-pub(crate) struct ErrorSample {
-    pub(crate) t_s: f64,
-    pub(crate) roll_deg: f64,
-    pub(crate) pitch_deg: f64,
-    /// Heading error of the stage itself.
-    pub(crate) heading_deg: f64,
-    /// Error of the course that the stage `track` computes from the attitude of this stage.
-    pub(crate) course_deg: f64,
-}
-
 /// Sums of squared errors of roll, pitch, heading and course, degrees².
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub struct SquaredErrors {
@@ -69,11 +57,11 @@ pub struct SquaredErrors {
 }
 
 impl SquaredErrors {
-    fn add(&mut self, sample: &ErrorSample) {
-        self.roll += sample.roll_deg.powi(2);
-        self.pitch += sample.pitch_deg.powi(2);
-        self.heading += sample.heading_deg.powi(2);
-        self.course += sample.course_deg.powi(2);
+    fn add(&mut self, error: &AngleError) {
+        self.roll += error.roll_deg.powi(2);
+        self.pitch += error.pitch_deg.powi(2);
+        self.heading += error.yaw_deg.powi(2);
+        self.course += error.course_deg.powi(2);
         self.count += 1.0;
     }
 
@@ -116,7 +104,9 @@ impl SquaredErrors {
 /// Errors of a stage over one or more flights.
 #[derive(Debug, Clone, Default)]
 pub(crate) struct StageErrors {
-    pub(crate) samples: Vec<ErrorSample>,
+    /// Plotted errors, each with its time in seconds. The course is that of the stage `track`,
+    /// which computes it from the attitude of this stage.
+    pub(crate) samples: Vec<(f64, AngleError)>,
     /// Errors while fixes were available.
     pub(crate) aided: SquaredErrors,
     /// Errors while no fixes were available.
@@ -168,20 +158,13 @@ pub(crate) fn run_flight(coverage: GnssCoverage, seed: u64) -> Option<Vec<StageE
                 dt_s,
             });
             let angles = fused.attitude.angles();
-            let error_deg = |angle_rad: f64| wrapped_rad(angle_rad).to_degrees();
-            let sample = ErrorSample {
-                t_s,
-                roll_deg: error_deg(angles.roll_rad - truth.roll_rad),
-                pitch_deg: error_deg(angles.pitch_rad - truth.pitch_rad),
-                heading_deg: error_deg(truth.yaw_rad - angles.yaw_rad),
-                course_deg: error_deg(course_output.course_rad + truth.yaw_rad),
-            };
+            let Some(error) = AngleError::between(angles, course_output.course_rad, truth) else { continue };
             if t_s >= scenario.scored_from_s {
                 let sums = if since_fix_s > FIX_TIMEOUT_S { &mut errors.autonomous } else { &mut errors.aided };
-                sums.add(&sample);
+                sums.add(&error);
             }
             if tick % PLOT_DECIMATION == 0 {
-                errors.samples.push(sample);
+                errors.samples.push((t_s, error));
             }
         }
     }
