@@ -37,6 +37,8 @@ use raw_reading_publisher::RawReadingPublisher;
 
 /// Maximum number of samples published before the subscribers are woken.
 const MAX_BATCH_SAMPLES: usize = 64;
+/// Number of successive rejected readings after which the other processes are served.
+const REJECTED_PER_CHECK: u64 = 1024;
 /// Maximum sleep, so that health is published and a stop request is noticed in time.
 const MAX_SLEEP: Duration = Duration::from_millis(50);
 
@@ -101,12 +103,12 @@ impl PacedIngest {
         let mut readings = Readings::open(&ingest.context.config.launch)?;
         ingest.publish_health(State::READY)?;
         ingest.context.bus.wake_all();
-        let mut next = ingest.read(&mut readings)?;
+        let mut next = ingest.read(&mut readings, State::READY)?;
         let first_ns = next.as_ref().map_or(0, |sample| sample.imu.header.t_end_ns);
         while let (false, Some(_)) =
             (ingest.context.should_stop(), next.take_if(|sample| sample.imu.header.tick < ingest.resume_tick))
         {
-            next = ingest.read(&mut readings)?;
+            next = ingest.read(&mut readings, State::READY)?;
             ingest.publish_health(State::READY)?;
         }
         Ok(Self { ingest, readings, next, first_ns })
@@ -149,20 +151,25 @@ impl PacedIngest {
             }
         }
         let batch = if ingest.context.config.pace == Pace::Max { MAX_BATCH_SAMPLES } else { 1 };
+        let mut following = Ok(());
         for _ in 0..batch {
             let Some(sample) = next.take_if(|sample| sample.imu.header.tick < ingest.allowed_ticks) else {
                 break;
             };
-            // The next sample is computed before this one is published. After waking the
-            // subscribers, the source then sleeps immediately and leaves the processor to them.
-            let following = ingest.read(readings);
             ingest.publish(sample)?;
-            if following.is_err() {
+            if batch == 1 {
+                // The subscribers process this sample while the next one is computed.
                 ingest.imu.wake();
             }
-            *next = following?;
+            following = ingest.read(readings, State::RUNNING).map(|sample| *next = sample);
+            if following.is_err() {
+                break;
+            }
         }
-        ingest.imu.wake();
+        if batch > 1 {
+            ingest.imu.wake();
+        }
+        following?;
         ingest.publish_health(State::RUNNING)?;
         Ok(true)
     }
@@ -309,15 +316,28 @@ impl Ingest {
         Ok(self.context.publish_final_health(counts)?)
     }
 
-    /// Returns the sample of the next reading that the conditioner accepts.
-    fn read(&mut self, readings: &mut Readings) -> Result<Option<Sample>, IngestError> {
+    /// Returns the sample of the next reading that the conditioner accepts, or `None` if no more
+    /// samples follow or are needed.
+    ///
+    /// A fault can remove all readings of several days. While none is accepted, the other processes
+    /// are served and health is published with `state`.
+    fn read(&mut self, readings: &mut Readings, state: State) -> Result<Option<Sample>, IngestError> {
         if self.conditioner.ticks() >= self.max_ticks() {
             return Ok(None);
         }
-        for reading in readings {
+        for (count, reading) in (1..).zip(readings) {
             let reading: Reading = reading?;
             if let Some(sample) = self.process(&reading)? {
                 return Ok(Some(sample));
+            }
+            if u64::is_multiple_of(count, REJECTED_PER_CHECK) {
+                self.drain_credit()?;
+                self.deliver_history()?;
+                self.publish_health(state)?;
+                let needs_no_sample = self.end_tick.is_some_and(|end_tick| self.conditioner.ticks() >= end_tick);
+                if self.context.should_stop() || needs_no_sample {
+                    return Ok(None);
+                }
             }
         }
         Ok(None)
