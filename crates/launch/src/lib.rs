@@ -86,4 +86,4 @@ pub use sensors::{Calibration, Calibrations, GyroSamples};
 pub use service_unit::UnsupportedDevicePath;
 pub use slot_stage::{UnknownStage, built_in_parameters};
 pub use source_uri::{replay_path, with_overrides};
-pub use split::MAX_CACHE_TICKS;
+pub use split::{MAX_CACHE_TICKS, TickSource};

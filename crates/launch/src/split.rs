@@ -15,6 +15,25 @@ use crate::{
 /// Maximum number of ticks kept for disconnected hosts. This many ticks take about 100 MB.
 pub const MAX_CACHE_TICKS: usize = 262_144;
 
+/// Service that provides the ticks on a host.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum TickSource {
+    /// Ingest numbers the samples of the source.
+    Ingest,
+    /// The gateway imports the ticks from another host.
+    Gateway,
+}
+
+impl TickSource {
+    /// Returns the service.
+    pub const fn service(self) -> Service {
+        match self {
+            Self::Ingest => Service::Ingest,
+            Self::Gateway => Service::Gateway,
+        }
+    }
+}
+
 impl Launch {
     /// Returns `true` if the service runs here and processes every tick. If an upstream service
     /// restarts, it must resend the ticks that such a service needs.
@@ -25,8 +44,8 @@ impl Launch {
 
     /// Returns the service that provides the ticks on this host: the gateway if ticks are imported,
     /// else ingest.
-    pub fn tick_source(&self) -> Service {
-        if self.gateway.import.is_some() { Service::Gateway } else { Service::Ingest }
+    pub fn tick_source(&self) -> TickSource {
+        if self.gateway.import.is_some() { TickSource::Gateway } else { TickSource::Ingest }
     }
 }
 
@@ -128,10 +147,10 @@ mod tests {
             (&board.gateway.export[..], board.gateway.cache_s),
             (&["mag", "gnss", "gyro", "accel"].map(String::from)[..], 10.0)
         );
-        assert!(board.consumes_ticks(Service::Gateway) && board.tick_source() == Service::Ingest);
+        assert!(board.consumes_ticks(Service::Gateway) && board.tick_source() == TickSource::Ingest);
         let base = Launch::parse("base.toml", BASE).unwrap();
         assert_eq!(base.gateway.import.as_ref().map(|import| import.topics.len()), Some(4));
-        assert_eq!(base.tick_source(), Service::Gateway);
+        assert_eq!(base.tick_source(), TickSource::Gateway);
         assert!(!base.consumes_ticks(Service::Gyro) && !Launch::default().consumes_ticks(Service::Gateway));
     }
 

@@ -7,7 +7,7 @@
 
 use bus::{Bus, BusError, Subscriber};
 use judge::{Diagnosis, FieldQueue, InputCheck};
-use launch::Service;
+use launch::TickSource;
 use messages::{ImuSample, MagSample};
 use runtime::ServiceConfig;
 
@@ -59,7 +59,7 @@ impl InputTopics {
     /// Subscribes to the topics. Returns `None` if the samples come from another host, which checks
     /// them itself.
     pub(crate) fn open(bus: &Bus, config: &ServiceConfig) -> Result<Option<Self>, BusError> {
-        if config.launch.tick_source() != Service::Ingest {
+        if config.launch.tick_source() == TickSource::Gateway {
             return Ok(None);
         }
         let buffer = config.buffer_ticks();

@@ -4,7 +4,7 @@ use std::{fs, os::unix::fs::DirBuilderExt, path::Path};
 
 use flight::{FlightError, FlightHeader, Recorder, RecordingMode, RecordingSummary};
 use graph::Topic;
-use launch::Service;
+use launch::TickSource;
 use runtime::ServiceConfig;
 
 use crate::{
@@ -18,13 +18,11 @@ pub(crate) fn create(folder: &Path, request: &Request, config: &ServiceConfig) -
     let created = fs::DirBuilder::new().recursive(true).mode(0o700).create(folder);
     created.map_err(|cause| FlightError::Create { path: folder.to_owned(), cause })?;
     let path = flight::unused_path(folder, &config.launch.name)?;
-    let mode = if config.launch.tick_source() != Service::Ingest {
+    let mode = match config.launch.tick_source() {
         // The ticks come from another host and need not begin with the first one.
-        RecordingMode::FromAnyTick
-    } else if config.is_lockstep() {
-        RecordingMode::Lockstep
-    } else {
-        RecordingMode::FromFirstTick
+        TickSource::Gateway => RecordingMode::FromAnyTick,
+        TickSource::Ingest if config.is_lockstep() => RecordingMode::Lockstep,
+        TickSource::Ingest => RecordingMode::FromFirstTick,
     };
     let header = FlightHeader {
         launch_file: request.launch.clone(),

@@ -16,7 +16,7 @@ use std::{
 use bus::{BusError, Claim, FileMonitor, SharedMemory, SystemName};
 use control::RecordStatus;
 use flight::Recorder;
-use launch::Service;
+use launch::{Service, TickSource};
 use messages::{Credit, EventKind, SystemEvent};
 use pipeline::{AttitudeFile, Collector};
 use runtime::{Role, ServiceConfig, clock::monotonic_ns};
@@ -431,7 +431,7 @@ impl System {
                 topics.poll(recorder);
             }
         }
-        let ingest = self.connection.as_ref().filter(|_| self.supervision.launch().tick_source() == Service::Ingest);
+        let ingest = self.connection.as_ref().filter(|_| self.supervision.launch().tick_source() == TickSource::Ingest);
         let published = ingest.map_or(0, |connection| connection.published(Service::Ingest));
         let services = self.supervision.entries().map(|(service, entry)| ServiceReport {
             name: service.name(),

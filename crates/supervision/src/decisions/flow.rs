@@ -2,7 +2,7 @@
 
 use std::time::Duration;
 
-use launch::Service;
+use launch::{Service, TickSource};
 use messages::{EventKind, State, SystemEvent};
 
 use crate::{
@@ -69,7 +69,7 @@ impl Supervision {
         {
             self.grant(next_tick + window_ticks);
         }
-        let origin = self.config.launch.tick_source();
+        let origin = self.config.launch.tick_source().service();
         let is_time_up =
             self.config.stop_after.zip(self.flow.first_ready).is_some_and(|(limit, ready)| self.now > ready + limit);
         if (self.flow.stop_requested || is_time_up) && self.flow.phase == Phase::Running {
@@ -143,15 +143,15 @@ impl Supervision {
 
     /// Returns the number of readings rejected at the source.
     pub fn rejected(&self) -> u64 {
-        self.table.entry(self.config.launch.tick_source()).health().map_or(0, |health| health.refused)
+        self.table.entry(self.config.launch.tick_source().service()).health().map_or(0, |health| health.refused)
     }
 
     /// Returns the number of datagrams and readings that were lost before ingest numbered them.
     pub fn lost_readings(&self) -> u64 {
         let lost = |service| self.table.entry(service).health().map_or(0, |health| health.lost);
         match self.config.launch.tick_source() {
-            Service::Ingest => lost(Service::Ingest) + lost(Service::Drivers),
-            _ => 0,
+            TickSource::Ingest => lost(Service::Ingest) + lost(Service::Drivers),
+            TickSource::Gateway => 0,
         }
     }
 
@@ -160,7 +160,7 @@ impl Supervision {
     ///
     /// An import has to wait, because after a link outage it holds more ticks than a topic buffers.
     pub(crate) fn source_waits(&self) -> bool {
-        self.config.lockstep || self.config.launch.tick_source() == Service::Gateway
+        self.config.lockstep || self.config.launch.tick_source() == TickSource::Gateway
     }
 
     fn grant(&mut self, ticks: u64) {
@@ -197,8 +197,8 @@ impl Supervision {
         match self.config.launch.tick_source() {
             // The next tick of the topic is up to date even if ingest has exited without reporting
             // its health.
-            Service::Ingest => self.published[Service::Ingest as usize],
-            origin => self.table.entry(origin).health().map_or(0, |health| health.ticks),
+            TickSource::Ingest => self.published[Service::Ingest as usize],
+            TickSource::Gateway => self.table.entry(Service::Gateway).health().map_or(0, |health| health.ticks),
         }
     }
 }

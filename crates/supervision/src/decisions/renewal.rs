@@ -6,7 +6,7 @@
 
 use std::{path::PathBuf, time::Duration};
 
-use launch::{Service, Slot};
+use launch::{Service, Slot, TickSource};
 use messages::{EventKind, SystemEvent};
 
 use crate::{Action, Failure, FileFault, ProcessEntry, Supervision};
@@ -66,7 +66,7 @@ impl Supervision {
         self.table.take_stall(self.now);
         let launch = &self.config.launch;
         self.checkpoints
-            .set_full_replay(launch.tick_source() == Service::Ingest && launch.ingest.source.is_repeatable());
+            .set_full_replay(launch.tick_source() == TickSource::Ingest && launch.ingest.source.is_repeatable());
         for service in launch.services.clone() {
             if !self.table.entry(service).given_up {
                 let resume = self.checkpoints.resume(service, 0);

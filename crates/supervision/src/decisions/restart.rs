@@ -128,7 +128,7 @@ impl Supervision {
             _ if service.is_auxiliary() => OnLimit::Retry,
             // Nothing can continue without the source. A source that waits for attitudes would wait
             // forever if a service that they depend on were given up.
-            OnLimit::Degrade if service == self.config.launch.tick_source() => OnLimit::Stop,
+            OnLimit::Degrade if service == self.config.launch.tick_source().service() => OnLimit::Stop,
             OnLimit::Degrade if self.source_waits() && !self.is_dispensable(service) => OnLimit::Stop,
             on_limit => on_limit,
         };
