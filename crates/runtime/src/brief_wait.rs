@@ -1,7 +1,8 @@
 //! Wait without sleeping for a message that is about to be published.
 //!
-//! The messages of a tick are published within microseconds of each other. A service that has one
-//! of them yields the processor until the next arrives, because a sleep and a wake-up take longer.
+//! The inputs of a tick are published within microseconds of each other. A service whose slot waits
+//! for [the rest of a tick](crate::SlotProcessor::has_incomplete_tick) yields the processor until
+//! it arrives, because a sleep and a wake-up take longer.
 //!
 //! If another program needs the processor, a yield can last for milliseconds. A sleep would not,
 //! because the kernel favours tasks that wake up. Yields are therefore suspended after a long one.

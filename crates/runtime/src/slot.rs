@@ -36,7 +36,10 @@ pub trait SlotProcessor {
         0
     }
 
-    /// Returns `true` if an input has a message for an output that waits for another input.
+    /// Returns `true` if the service should wait briefly for the awaited input before it sleeps,
+    /// because the rest of a tick is about to arrive.
+    ///
+    /// By default, the service sleeps at once. A slot with several inputs may override this method.
     fn has_incomplete_tick(&self) -> bool {
         false
     }

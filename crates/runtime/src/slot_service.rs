@@ -170,7 +170,7 @@ impl<S: SlotProcessor> SlotService<S> {
         self.slot.awaited_input()
     }
 
-    /// Returns `true` if an input has a message for an output that waits for another input.
+    /// Returns `true` if the slot should wait briefly for the rest of a tick.
     pub fn has_incomplete_tick(&self) -> bool {
         self.slot.has_incomplete_tick()
     }
