@@ -21,7 +21,7 @@ pub struct DecodedMessage {
 
 /// Value of a field.
 #[derive(Debug, Clone, PartialEq)]
-pub enum Value {
+enum Value {
     /// Count, identifier or other unsigned integer.
     Unsigned(u64),
     /// Time or other signed integer.
@@ -65,19 +65,6 @@ impl DecodedMessage {
             Ok((*field, value.ok_or_else(mismatch)?))
         });
         Ok(Self { fields: fields.collect::<Result<_, _>>()? })
-    }
-
-    /// Returns the value of a field, or `None` if the message has no such field.
-    pub fn get(&self, name: &str) -> Option<&Value> {
-        self.fields.iter().find(|(field, _)| field.name == name).map(|(_, value)| value)
-    }
-
-    /// Returns the value of an unsigned field, or `None` for any other field.
-    pub fn unsigned(&self, name: &str) -> Option<u64> {
-        match self.get(name) {
-            Some(Value::Unsigned(number)) => Some(*number),
-            _ => None,
-        }
     }
 
     /// Appends a field called `name` with the enumeration value `word`.
