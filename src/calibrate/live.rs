@@ -9,7 +9,7 @@ use ::calibrate::{Calibrator, Kind, Prior, Report};
 use bus::{BusError, Observer, Tap};
 use control::{ControlRequest, send_request};
 use graph::Topic;
-use observe::readings::{self, ReadingsError};
+use observe::readings::{self, ReadingsError, ReadingsTopic};
 use runtime::ServiceConfig;
 
 use crate::{
@@ -39,7 +39,7 @@ pub(super) fn calibrate_system(
     let limit = duration.unwrap_or(DEFAULT_TIMEOUT);
     let mut stop = StopCondition::new(|| observer.is_running(), Some(limit));
     let topic = readings::readings_topic(&config)?;
-    let tap = open_tap(&observer, topic, &mut stop)?;
+    let tap = open_tap(&observer, topic.topic(), &mut stop)?;
     let mut calibrator = Calibrator::new(kind, &known);
     let first = calibrator.coverage().missing.into_iter().next().unwrap_or_default();
     notice(format_args!("reading sensors of {system:?}; still needed: {first}"));
@@ -83,7 +83,7 @@ fn open_tap(observer: &Observer, topic: Topic, stop: &mut StopCondition<'_>) -> 
 
 /// Processes all available messages. Overwritten messages leave a gap, which ends the current rest
 /// or rotation.
-fn drain(tap: &Tap, topic: Topic, calibrator: &mut Calibrator) -> Result<(), BusError> {
-    tap.drain(&mut |bytes| readings::decode_sample(topic, bytes).iter().for_each(|sample| calibrator.push(sample)))?;
+fn drain(tap: &Tap, topic: ReadingsTopic, calibrator: &mut Calibrator) -> Result<(), BusError> {
+    tap.drain(&mut |bytes| topic.decode(bytes).iter().for_each(|sample| calibrator.push(sample)))?;
     Ok(())
 }

@@ -26,17 +26,49 @@ pub enum ReadingsError {
     Calibration(#[from] CalibrationError),
 }
 
+/// Topic that carries the raw readings of a system.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum ReadingsTopic {
+    /// Readings that ingest has taken from its source. They are published on request.
+    Reading,
+    /// Readings of a live source.
+    Sensor,
+}
+
+impl ReadingsTopic {
+    /// Returns the topic on the bus.
+    pub const fn topic(self) -> Topic {
+        match self {
+            Self::Reading => Topic::Reading,
+            Self::Sensor => Topic::Sensor,
+        }
+    }
+
+    /// Decodes a message of the topic. Returns `None` if the bytes have the wrong length.
+    pub fn decode(self, bytes: &[u8]) -> Option<Sample> {
+        let reading = match self {
+            Self::Reading => Reading::from(&try_pod_read_unaligned::<TakenReading>(bytes).ok()?),
+            Self::Sensor => Reading::from(try_pod_read_unaligned::<SensorReading>(bytes).ok()?),
+        };
+        Some(to_sample(&reading))
+    }
+}
+
 /// Returns the topic that carries the raw readings.
 ///
 /// # Errors
 ///
 /// Returns [`ReadingsError::NotPublished`] if the source is a simulation or recording and the
 /// system does not publish its readings.
-pub fn readings_topic(config: &ServiceConfig) -> Result<Topic, ReadingsError> {
+pub fn readings_topic(config: &ServiceConfig) -> Result<ReadingsTopic, ReadingsError> {
+    if config.publishes_readings {
+        return Ok(ReadingsTopic::Reading);
+    }
     match config.launch.ingest.source {
-        _ if config.publishes_readings => Ok(Topic::Reading),
         Source::Sim | Source::Replay => Err(ReadingsError::NotPublished { system: config.launch.name.clone() }),
-        _ => Ok(Topic::Sensor),
+        Source::Bus | Source::Stdin | Source::Udp | Source::Tcp | Source::Serial | Source::Mavlink | Source::Iio => {
+            Ok(ReadingsTopic::Sensor)
+        }
     }
 }
 
@@ -60,16 +92,6 @@ pub fn apply_calibrations(prior: &mut Prior, launch: &Launch) -> Result<(), Cali
     let Calibrations { gyro, accel, mag } = &launch.ingest.calibration;
     (prior.gyro, prior.accel, prior.mag) = (gyro.to_calibration()?, accel.to_calibration()?, mag.to_calibration()?);
     Ok(())
-}
-
-/// Decodes a message of [`readings_topic`]. Returns `None` if the bytes have the wrong length.
-pub fn decode_sample(topic: Topic, bytes: &[u8]) -> Option<Sample> {
-    let reading = if topic == Topic::Reading {
-        Reading::from(&try_pod_read_unaligned::<TakenReading>(bytes).ok()?)
-    } else {
-        Reading::from(try_pod_read_unaligned::<SensorReading>(bytes).ok()?)
-    };
-    Some(to_sample(&reading))
 }
 
 /// Converts a reading to a sample for the calibration.

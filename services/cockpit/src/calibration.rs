@@ -10,7 +10,7 @@ use std::time::{Duration, Instant};
 
 use calibrate::{Calibrator, Kind, Prior};
 use graph::Topic;
-use observe::readings;
+use observe::readings::ReadingsTopic;
 use wire::v1::{self, Vector3};
 
 /// Interval between progress reports.
@@ -28,14 +28,14 @@ pub struct CalibrationRequest {
     /// Local gravity and magnetic field, and existing calibrations of the sensors.
     pub prior: Prior,
     /// Topic with the sensor readings.
-    pub topic: Topic,
+    pub topic: ReadingsTopic,
 }
 
 /// Calibration in progress.
 #[derive(Debug)]
 pub(crate) struct Calibration {
     kind: Kind,
-    topic: Topic,
+    topic: ReadingsTopic,
     calibrator: Calibrator,
     started: Instant,
     last_report: Option<Instant>,
@@ -57,8 +57,8 @@ impl Calibration {
 
     /// Adds a message of `topic`. It is ignored unless `topic` carries the sensor readings.
     pub(crate) fn push(&mut self, topic: Topic, bytes: &[u8]) {
-        if topic == self.topic {
-            readings::decode_sample(topic, bytes).iter().for_each(|sample| self.calibrator.push(sample));
+        if topic == self.topic.topic() {
+            self.topic.decode(bytes).iter().for_each(|sample| self.calibrator.push(sample));
         }
     }
 

@@ -186,7 +186,7 @@ pub fn publish_source<E>(
 /// Starts and cancels calibrations on request, and publishes the progress of the active one.
 fn update_calibration(calibration: &mut Option<Calibration>, source: &mut dyn Source, hub: &Hub, is_live: bool) {
     if let Some(request) = hub.take_calibration_request() {
-        source.set_readings_topic(request.as_ref().map(|request| request.topic));
+        source.set_readings_topic(request.as_ref().map(|request| request.topic.topic()));
         if request.is_none() {
             hub.publish_calibration(wire::v1::Calibration::default(), None);
         }
