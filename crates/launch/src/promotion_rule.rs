@@ -22,7 +22,7 @@ keys! {
     /// difference.
     pub struct PromotionRule {
         /// Slot to which the rule applies.
-        slot: Slot = Slot::Fuser, one_of(Slot::ALL.map(|slot| (slot.name(), slot)));
+        slot: Slot = slot_stage::DEFAULT_RULE_SLOT, one_of(Slot::ALL.map(|slot| (slot.name(), slot)));
         /// Shadow stage that runs in parallel with the stage in the slot.
         stage: StageConfig = StageConfig::new(""), Inline(slot_stage::read_keys);
         /// Measure of the difference between the two attitudes.
@@ -96,7 +96,7 @@ fn require_one_per_slot(section: &mut Section<'_, '_>, rules: &[Spanned<Promotio
 
 #[cfg(test)]
 mod tests {
-    use crate::Launch;
+    use crate::{Launch, Slot};
 
     const COMPLETE: &str = "[[watch]]\nslot = \"fuser\"\nstage = \"aided\"\nmeasure = \"heading\"\npromote_below_deg = 0.5\n\
                          promote_after_s = 3\nrollback_above_deg = 2\nrollback_after_s = 0.5\nlimit = 4\n";
@@ -116,5 +116,25 @@ mod tests {
             assert!(shown.contains(location) && shown.contains(expected), "{location}{expected}:\n{shown}");
             assert!(shown.ends_with("1 problem"), "{expected}:\n{shown}");
         }
+    }
+
+    #[test]
+    fn stage_of_invalid_slot_is_not_checked() {
+        for (slot, expected) in [("\"gyrp\"", "did you mean \"gyro\"?"), ("3", "expected a string, found an integer")] {
+            for stage in ["stage = \"rk4\"", "stage = \"rk4\"\nset.any = 1"] {
+                let shown = Launch::parse("launch.toml", &format!("[[watch]]\nslot = {slot}\n{stage}\n"));
+                let shown = shown.unwrap_err().to_string();
+                assert!(shown.contains(":2:8\n") && shown.contains(expected), "{slot} {stage}:\n{shown}");
+                assert!(shown.ends_with("1 problem"), "{slot} {stage}:\n{shown}");
+            }
+        }
+    }
+
+    #[test]
+    fn rule_without_slot_applies_to_fuser() {
+        let rule = |stage: &str| Launch::parse("launch.toml", &format!("[[watch]]\nstage = \"{stage}\"\n"));
+        assert_eq!(rule("aided").unwrap().watch[0].slot, Slot::Fuser);
+        let shown = rule("rk4").unwrap_err().to_string();
+        assert!(shown.contains("watch.stage: unknown value \"rk4\""), "{shown}");
     }
 }

@@ -23,6 +23,9 @@ use crate::{
     toml_reader::{Section, Values},
 };
 
+/// Slot of a promotion rule without the key `slot`.
+pub(crate) const DEFAULT_RULE_SLOT: Slot = Slot::Fuser;
+
 /// Reads the keys of a slot's stage.
 pub(crate) fn read_keys(config: &mut StageConfig, section: &mut Section<'_, '_>) {
     read!(section, {
@@ -92,7 +95,10 @@ pub(crate) const fn default_stage(slot: Slot) -> &'static str {
 
 /// Reads the key `stage` of a slot's section or of a promotion rule.
 fn stage_name(section: &mut Section<'_, '_>, key: Key, out: &mut String) {
-    let names = allowed_stages(section, slot(section)).into_iter().map(|name| (name, name.to_owned()));
+    let Some(slot) = slot(section) else {
+        return section.typed(key, "a string", |name| name.as_str().map(str::to_owned), None, out);
+    };
+    let names = allowed_stages(section, slot).into_iter().map(|name| (name, name.to_owned()));
     one_of(names).read(section, key, out);
 }
 
@@ -101,9 +107,10 @@ fn stage_parameters(section: &mut Section<'_, '_>, key: Key, out: &mut BTreeMap<
     if section.is_description() {
         return section.value(key, Values::new("table of numbers", None), out, |_, _| None);
     }
-    let slot = slot(section);
-    let chosen = section.peek("stage").filter(|stage| allowed_stages(section, slot).contains(stage));
-    let parameters = built_in_parameters(slot, chosen.unwrap_or(default_stage(slot)));
+    let parameters = slot(section).and_then(|slot| {
+        let chosen = section.peek("stage").filter(|stage| allowed_stages(section, slot).contains(stage));
+        built_in_parameters(slot, chosen.unwrap_or(default_stage(slot)))
+    });
     section.section(key, |section| {
         let Some(parameters) = parameters else {
             return section.numbers(|name, value| {
@@ -121,9 +128,16 @@ fn stage_parameters(section: &mut Section<'_, '_>, key: Key, out: &mut BTreeMap<
 }
 
 /// Returns the slot named by the key `slot`, or else by the section itself.
-fn slot(section: &Section<'_, '_>) -> Slot {
-    let name = section.peek("slot").unwrap_or(section.path());
-    Slot::ALL.into_iter().find(|slot| slot.name() == name).unwrap_or(Slot::Fuser)
+///
+/// Returns `None` if the key `slot` is invalid. Nothing that depends on the slot is then checked,
+/// because the key itself has a problem already.
+fn slot(section: &Section<'_, '_>) -> Option<Slot> {
+    let name = match section.path() {
+        _ if section.has("slot") => section.peek("slot")?,
+        "watch" => return Some(DEFAULT_RULE_SLOT),
+        path => path,
+    };
+    Slot::ALL.into_iter().find(|slot| slot.name() == name)
 }
 
 /// Returns the names of the stages that may run in a slot: the built-in ones and the external
