@@ -188,15 +188,19 @@ impl SystemMonitor {
     }
 }
 
-/// Returns the number of ticks per second, measured by the publisher's clock. Messages that this
-/// observer missed have no effect.
-fn rate_hz(previous: Option<Header>, current: Option<Header>) -> Option<f64> {
+/// Returns the number of ticks per second between two outputs of a service, measured by the
+/// publisher's clock. Messages that the observer missed have no effect.
+///
+/// The rate is 0 without a new tick, for example while a restarted service repeats earlier ticks.
+/// Returns `None` if an output is missing or if the clock has not advanced.
+pub fn rate_hz(previous: Option<Header>, current: Option<Header>) -> Option<f64> {
     let (before, now) = previous.zip(current)?;
-    if now.tick == before.tick {
+    let seconds = now.t_sent_ns.checked_sub(before.t_sent_ns)? as f64 * 1e-9;
+    let ticks = now.tick.saturating_sub(before.tick);
+    if ticks == 0 {
         return Some(0.0);
     }
-    let seconds = now.t_sent_ns.checked_sub(before.t_sent_ns)? as f64 * 1e-9;
-    Some((now.tick - before.tick) as f64 / seconds).filter(|rate_hz| rate_hz.is_finite())
+    Some(ticks as f64 / seconds).filter(|rate_hz| rate_hz.is_finite())
 }
 
 impl SystemSnapshot {
@@ -319,6 +323,13 @@ mod tests {
             "a stalled service has a rate of 0, not an unknown one"
         );
         assert_eq!(rate_hz(None, header(10, 5)), None);
+    }
+
+    #[test]
+    fn rate_is_zero_if_tick_goes_back_and_unknown_if_clock_does() {
+        assert_eq!(rate_hz(header(510, 0), header(10, 500_000_000)), Some(0.0));
+        assert_eq!(rate_hz(header(10, 500_000_000), header(510, 0)), None);
+        assert_eq!(rate_hz(header(10, 5), header(510, 5)), None, "no time has passed");
     }
 
     fn example_snapshot() -> SystemSnapshot {

@@ -19,6 +19,7 @@ use messages::{Header, ImuSample, MagSample};
 use observe::{
     hops::{self, HopLatencies},
     process::{ProcessMonitor, ProcessUsage},
+    top::rate_hz,
 };
 use runtime::clock::monotonic_ns;
 use wire::v1::{
@@ -252,16 +253,6 @@ fn poll_supervisor(target: &dyn CommandTarget, weak_report: &Weak<Mutex<Supervis
         thread::sleep(MIN_QUERY_INTERVAL);
         thread::park_timeout(interval.saturating_sub(MIN_QUERY_INTERVAL));
     }
-}
-
-/// Returns the tick rate measured by the publishers' clock, Hz.
-fn rate_hz(previous: Option<Header>, now: Option<Header>) -> Option<f64> {
-    let (before, now) = previous.zip(now)?;
-    let seconds = now.t_sent_ns.checked_sub(before.t_sent_ns)? as f64 * 1e-9;
-    if now.tick <= before.tick {
-        return Some(0.0);
-    }
-    Some((now.tick - before.tick) as f64 / seconds).filter(|rate_hz| rate_hz.is_finite())
 }
 
 fn slot_stages(SlotDescription { slot, stages, set }: SlotDescription) -> SlotStages {
