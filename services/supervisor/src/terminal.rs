@@ -8,7 +8,8 @@
 use std::{
     fmt::Display,
     io::{self, Write as _},
-    os::fd::AsFd as _,
+    os::fd::AsFd,
+    time::{Duration, Instant},
 };
 
 use rustix::{
@@ -17,29 +18,34 @@ use rustix::{
 };
 
 /// Time limit for a pipe or terminal to accept more output.
-pub(crate) const WRITE_TIMEOUT: Option<Timespec> = Some(Timespec { tv_sec: 1, tv_nsec: 0 });
+pub(crate) const WRITE_TIMEOUT: Option<Duration> = Some(Duration::from_secs(1));
 /// No time limit: waits until the output is accepted.
-pub(crate) const NO_TIMEOUT: Option<Timespec> = None;
+pub(crate) const NO_TIMEOUT: Option<Duration> = None;
 /// Number of bytes per write. A pipe that has room accepts this many without blocking (`PIPE_BUF`
 /// on Linux).
 const CHUNK_BYTES: usize = 4096;
 
 /// Writes a line in chunks, each within the timeout. Drops the remaining chunks after a failure.
-pub(crate) fn write_line(line: impl Display, timeout: Option<Timespec>) {
+pub(crate) fn write_line(line: impl Display, timeout: Option<Duration>) {
     for chunk in format!("{line}\n").as_bytes().chunks(CHUNK_BYTES) {
-        if !has_room(timeout.as_ref()) || io::stderr().write_all(chunk).is_err() {
+        if !has_room(&io::stderr(), timeout) || io::stderr().write_all(chunk).is_err() {
             return;
         }
     }
 }
 
-fn has_room(timeout: Option<&Timespec>) -> bool {
+/// Waits until `output` accepts more. Returns `false` if it does not within the timeout.
+fn has_room(output: &impl AsFd, timeout: Option<Duration>) -> bool {
+    let deadline = timeout.map(|timeout| Instant::now() + timeout);
     loop {
-        let stderr = io::stderr();
-        match poll(&mut [PollFd::from_borrowed_fd(stderr.as_fd(), PollFlags::OUT)], timeout) {
+        // A signal must not extend the wait.
+        let remaining = deadline.map(|deadline| deadline.saturating_duration_since(Instant::now()));
+        let remaining =
+            remaining.map(|rest| Timespec { tv_sec: rest.as_secs() as i64, tv_nsec: i64::from(rest.subsec_nanos()) });
+        match poll(&mut [PollFd::new(output, PollFlags::OUT)], remaining.as_ref()) {
             Err(Errno::INTR) => {}
             Ok(0) => return false,
-            // Standard error is ready, is closed or has failed. If it has failed, the write that
+            // The output is ready, is closed or has failed. If it has failed, the write that
             // follows reports the failure.
             _ => return true,
         }
