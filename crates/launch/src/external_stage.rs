@@ -2,11 +2,11 @@
 
 use std::{collections::BTreeMap, ops::Range, path::PathBuf, process::Command};
 
-use attitude::{accel::Accelerometer, course::Course, fuser::Fuser, gyro::Gyro};
 use serde::{Deserialize, Serialize};
 
 use crate::{
     Slot,
+    built_in::built_in_stages,
     description::Key,
     keys::read,
     kind::{Texts, one_of},
@@ -81,8 +81,7 @@ fn is_free(section: &mut Section<'_, '_>, name: &str, span: &Range<usize>) -> bo
         section.report(Problem::new(span.clone(), title, "invalid stage name"));
         return false;
     }
-    let mut built_in = [&Gyro::NAMES[..], &Accelerometer::NAMES, &Fuser::NAMES, &Course::NAMES].into_iter().flatten();
-    let is_taken = built_in.any(|built_in| *built_in == name);
+    let is_taken = Slot::ALL.into_iter().any(|slot| built_in_stages(slot).contains(&name));
     if is_taken {
         let title = format!("stages.{name}: the name belongs to a built-in stage");
         section.report(Problem::new(span.clone(), title, "choose another name"));

@@ -13,6 +13,7 @@
 //! | `kind` | kinds of values |
 //! | `model` | top level, `[restart]`, and the stages of the slots |
 //! | `ingest` | source of the samples, and their limits |
+//! | `built_in` | built-in stages of each slot |
 //! | `slot_stage` | stages allowed in a slot |
 //! | `live_sources` | sources that send in real time |
 //! | `format` | byte formats of ports |
@@ -36,6 +37,7 @@
 //! | `problem` | problems of a file, and their display |
 #![forbid(unsafe_code)]
 
+mod built_in;
 mod cockpit;
 mod description;
 mod edit;
@@ -64,6 +66,7 @@ mod toml_reader;
 
 pub use graph::{Service, Slot, StageConfig};
 
+pub use built_in::{built_in_parameters, built_in_stages};
 pub use cockpit::{Cockpit, CockpitTls};
 pub use description::{KeyDescription, SectionDescription};
 pub use edit::{EditError, write_sections};
@@ -84,6 +87,6 @@ pub use promotion_rule::{Measure, PromotionRule};
 pub use schema::{MAX_TOPIC_MESSAGES, describe, max_buffer_s};
 pub use sensors::{Calibration, Calibrations, GyroSamples};
 pub use service_unit::UnsupportedDevicePath;
-pub use slot_stage::{UnknownStage, built_in_parameters};
+pub use slot_stage::UnknownStage;
 pub use source_uri::{replay_path, with_overrides};
 pub use split::{MAX_CACHE_TICKS, TickSource};

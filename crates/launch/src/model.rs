@@ -5,6 +5,7 @@ use serde::{Deserialize, Serialize};
 use std::{collections::BTreeMap, path::PathBuf};
 
 use crate::{
+    built_in::default_stage,
     cockpit::Cockpit,
     description::Key,
     external_stage::{self, ExternalStage},
@@ -16,7 +17,7 @@ use crate::{
     output::Output,
     problem::Problem,
     promotion_rule::{PROMOTION_RULES, PromotionRule},
-    slot_stage::{self, UnknownStage, default_stage},
+    slot_stage::{self, UnknownStage},
     toml_reader::Section,
 };
 

@@ -8,15 +8,13 @@
 
 use std::{collections::BTreeMap, fmt};
 
-use attitude::{
-    accel::Accelerometer, course::Course, fuser::Fuser, gyro::Gyro, parameters::Parameter, stage::Stage as _,
-};
-
+use attitude::parameters::Parameter;
 use mapping::names::nearest;
 use toml::de::DeValue;
 
 use crate::{
     ExternalStage, Slot, StageConfig,
+    built_in::{built_in_parameters, built_in_stages, default_stage},
     description::Key,
     keys::{Kind, read},
     kind::{By, one_of},
@@ -83,16 +81,6 @@ impl fmt::Display for UnknownStage {
 
 impl std::error::Error for UnknownStage {}
 
-/// Returns the default stage of a slot.
-pub(crate) const fn default_stage(slot: Slot) -> &'static str {
-    match slot {
-        Slot::Gyro => "mobius",
-        Slot::Accel => "projector",
-        Slot::Fuser => "multiple-model",
-        Slot::Course => "angles",
-    }
-}
-
 /// Reads the key `stage` of a slot's section or of a promotion rule.
 fn stage_name(section: &mut Section<'_, '_>, key: Key, out: &mut String) {
     let Some(slot) = slot(section) else {
@@ -153,31 +141,10 @@ fn allowed_stages<'t>(section: &Section<'t, '_>, slot: Slot) -> Vec<&'t str> {
     built_in_stages(slot).iter().copied().chain(own).collect()
 }
 
-/// Returns the names of the slot's built-in stages.
-fn built_in_stages(slot: Slot) -> &'static [&'static str] {
-    match slot {
-        Slot::Gyro => &Gyro::NAMES,
-        Slot::Accel => &Accelerometer::NAMES,
-        Slot::Fuser => &Fuser::NAMES,
-        Slot::Course => &Course::NAMES,
-    }
-}
-
 /// Returns the names of the slot's stages: first built-in, then external ones.
 pub(crate) fn stage_names(slot: Slot, external: &BTreeMap<String, ExternalStage>) -> Vec<&str> {
     let external_names = external.iter().filter(|(_, stage)| stage.slot == slot).map(|(name, _)| name.as_str());
     built_in_stages(slot).iter().copied().chain(external_names).collect()
-}
-
-/// Returns the parameters of a built-in stage; `None` if the slot has no built-in stage of this
-/// name.
-pub fn built_in_parameters(slot: Slot, stage: &str) -> Option<&'static [Parameter]> {
-    match slot {
-        Slot::Gyro => Some(Gyro::from_name(stage)?.parameters()),
-        Slot::Accel => Some(Accelerometer::from_name(stage)?.parameters()),
-        Slot::Fuser => Some(Fuser::from_name(stage)?.parameters()),
-        Slot::Course => Some(Course::from_name(stage)?.parameters()),
-    }
 }
 
 #[cfg(test)]

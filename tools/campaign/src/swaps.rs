@@ -2,9 +2,8 @@
 
 use std::{collections::BTreeMap, fmt, sync::mpsc, time::Duration};
 
-use attitude::{accel::Accelerometer, course::Course, fuser::Fuser, gyro::Gyro};
 use control::{ControlError, ControlRequest, SwapOutcome, SwapReport, SwapRequest, send_request};
-use launch::{Service, Slot, StageConfig, pluralize};
+use launch::{Service, Slot, StageConfig, built_in_stages, pluralize};
 use messages::AttitudeOutput;
 use rand_chacha::{ChaCha8Rng, rand_core::SeedableRng};
 use runtime::clock::monotonic_ns;
@@ -169,13 +168,8 @@ impl fmt::Display for SwapCampaignReport {
 
 /// Returns a request for a random stage of a random slot.
 fn random_request(random: &mut ChaCha8Rng, same_stage: bool) -> SwapRequest {
-    let stages: [(Slot, &[&str]); Slot::ALL.len()] = [
-        (Slot::Gyro, &Gyro::NAMES),
-        (Slot::Accel, &Accelerometer::NAMES),
-        (Slot::Fuser, &Fuser::NAMES),
-        (Slot::Course, &Course::NAMES),
-    ];
-    let (slot, names) = stages[random_in_range(random, 0..stages.len() as u64) as usize];
+    let slot = Slot::ALL[random_in_range(random, 0..Slot::ALL.len() as u64) as usize];
+    let names = built_in_stages(slot);
     let name = names[random_in_range(random, 0..names.len() as u64) as usize];
     let stage = StageConfig { stage: if same_stage { names[0] } else { name }.into(), set: BTreeMap::new() };
     let timeout_ms = Some(SwapRequest::DEFAULT_TIMEOUT_MS);
