@@ -2,7 +2,7 @@
 //!
 //! Command: `cargo bench --profile release --bench ticks`.
 //!
-//! Input: scenario S1 at 1 kHz, and the budget in `budget.json`.
+//! Input: scenario S1 at 1 kHz, the default stages, and the budget in `budget.json`.
 //!
 //! Output: a table. With `--lower`, budgets above the measured values are lowered to them.
 //!

@@ -100,7 +100,6 @@ fn config(name: &SystemName, service: Service) -> ServiceConfig {
     let mut launch = Launch { name: name.name().into(), ..Launch::default() };
     launch.ingest.source = Source::Sim;
     launch.ingest.sim.rate_hz = RATE_HZ;
-    launch.fuser.stage = "wz".into();
     ServiceConfig {
         incarnation: service as u32 + 1,
         supervisor_pid: std::process::id(),

@@ -8,8 +8,8 @@
 //! Failure: if an array has the wrong shape, the call fails before the first sample is processed.
 
 mod pages;
-mod pipeline;
 mod rows;
+mod two_threads;
 
 use numpy::{
     AllowTypeChange, IntoPyArray as _, PyArray1, PyArray2, PyArrayLikeDyn, PyArrayMethods as _,
@@ -201,7 +201,7 @@ pub(crate) fn update(
     let source = Arrays { rates, forces, fields, times };
     let rows = py.detach(|| {
         let mut rows = Rows::with_capacity(len, frame);
-        pipeline::run(ahrs, &source, &mut rows);
+        two_threads::run(ahrs, &source, &mut rows);
         rows
     });
     Batch::new(py, rows)
@@ -215,7 +215,7 @@ struct Arrays<'a> {
     times: Times<'a>,
 }
 
-impl pipeline::Source for Arrays<'_> {
+impl two_threads::Source for Arrays<'_> {
     fn len(&self) -> usize {
         self.rates.nrows()
     }
