@@ -151,3 +151,24 @@ impl<P: TickProcessor> SlotProcessor for SingleInputSlot<P> {
         self.processor.visit_own_state(visit);
     }
 }
+
+/// Defines the message of a slot with several inputs: an enum with a variant for each topic.
+#[macro_export]
+macro_rules! slot_messages {
+    ($name:ident { $($variant:ident($message:ty),)* }) => {
+        /// Message received on one of the slot's inputs.
+        #[derive(Debug, Clone, Copy)]
+        pub enum $name {
+            $(
+                #[doc = concat!("Message of type `", stringify!($message), "`.")]
+                $variant($message),
+            )*
+        }
+
+        $(impl From<$message> for $name {
+            fn from(message: $message) -> Self {
+                Self::$variant(message)
+            }
+        })*
+    };
+}

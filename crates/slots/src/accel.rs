@@ -11,7 +11,7 @@ use host::AnyStage;
 use launch::Slot;
 use messages::{AccelPoint, Flags, Header, ImuSample};
 use runtime::{
-    RuntimeError, ServiceConfig, ServiceContext, SingleInputSlot, SlotInputs, TickProcessor,
+    RuntimeError, ServiceConfig, SingleInputSlot, TickProcessor,
     convert::{chart_to_payload, complex_to_payload},
     stage,
 };
@@ -30,15 +30,6 @@ pub struct AccelProcessor {
 pub fn slot(config: &ServiceConfig) -> Result<SingleInputSlot<AccelProcessor>, RuntimeError> {
     let stage = ResettingStage::new(stage::build_stage(Slot::Accel, &config.launch, Accelerometer::from_name)?);
     Ok(SingleInputSlot::new(AccelProcessor { stage }))
-}
-
-/// Subscribes to the inputs of the slot.
-///
-/// # Errors
-///
-/// Returns an error if the bus fails.
-pub fn subscribe(context: &ServiceContext) -> Result<SlotInputs<ImuSample>, RuntimeError> {
-    Ok(vec![Box::new(context.subscriber::<ImuSample>()?)])
 }
 
 impl TickProcessor for AccelProcessor {

@@ -20,30 +20,13 @@ use launch::Slot;
 use messages::{AttitudeOutput, Flags, FusedState, GnssFix, Header};
 use runtime::{
     Join, Joined, RuntimeError, Sequence, ServiceConfig, ServiceContext, SlotInputs, SlotProcessor, convert,
-    join::MAX_QUEUED, join_inputs, stage,
+    join::MAX_QUEUED, join_inputs, slot_messages, stage,
 };
 
 use crate::true_north::TrueNorth;
 
-/// Message received on one of the slot's inputs.
-#[derive(Debug, Clone, Copy)]
-pub enum CourseMessage {
-    /// Message of the topic `fused`.
-    Fused(FusedState),
-    /// Message of the topic `gnss`.
-    Gnss(GnssFix),
-}
-
-impl From<FusedState> for CourseMessage {
-    fn from(message: FusedState) -> Self {
-        Self::Fused(message)
-    }
-}
-
-impl From<GnssFix> for CourseMessage {
-    fn from(message: GnssFix) -> Self {
-        Self::Gnss(message)
-    }
+slot_messages! {
+    CourseMessage { Fused(FusedState), Gnss(GnssFix), }
 }
 
 join_inputs! {

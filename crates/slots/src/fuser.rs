@@ -22,52 +22,11 @@ use runtime::{
     Join, Joined, RuntimeError, Sequence, ServiceConfig, ServiceContext, SlotInputs, SlotProcessor,
     convert::{self, chart_to_payload, complex_to_payload, course_reference_to_payload, finite_vector},
     join::MAX_QUEUED,
-    join_inputs, stage,
+    join_inputs, slot_messages, stage,
 };
 
-/// Message received on one of the slot's inputs.
-#[derive(Debug, Clone, Copy)]
-pub enum FuserMessage {
-    /// Message of the topic `gyro`.
-    Gyro(GyroStep),
-    /// Message of the topic `accel`.
-    Accel(AccelPoint),
-    /// Message of the topic `mag`.
-    Mag(MagSample),
-    /// Message of the topic `gnss`.
-    Gnss(GnssFix),
-    /// Message of the topic `control`.
-    Control(Control),
-}
-
-impl From<Control> for FuserMessage {
-    fn from(message: Control) -> Self {
-        Self::Control(message)
-    }
-}
-
-impl From<GyroStep> for FuserMessage {
-    fn from(message: GyroStep) -> Self {
-        Self::Gyro(message)
-    }
-}
-
-impl From<AccelPoint> for FuserMessage {
-    fn from(message: AccelPoint) -> Self {
-        Self::Accel(message)
-    }
-}
-
-impl From<MagSample> for FuserMessage {
-    fn from(message: MagSample) -> Self {
-        Self::Mag(message)
-    }
-}
-
-impl From<GnssFix> for FuserMessage {
-    fn from(message: GnssFix) -> Self {
-        Self::Gnss(message)
-    }
+slot_messages! {
+    FuserMessage { Gyro(GyroStep), Accel(AccelPoint), Mag(MagSample), Gnss(GnssFix), Control(Control), }
 }
 
 join_inputs! {

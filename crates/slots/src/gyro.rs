@@ -17,7 +17,7 @@ use host::AnyStage;
 use launch::Slot;
 use messages::{Flags, GyroStep, Header, ImuSample};
 use runtime::{
-    RuntimeError, ServiceConfig, ServiceContext, SingleInputSlot, SlotInputs, TickProcessor,
+    RuntimeError, ServiceConfig, SingleInputSlot, TickProcessor,
     convert::{chart_to_payload, complex_to_payload},
     stage,
 };
@@ -36,15 +36,6 @@ pub struct GyroProcessor {
 pub fn slot(config: &ServiceConfig) -> Result<SingleInputSlot<GyroProcessor>, RuntimeError> {
     let gyro = SupervisedGyro::new(stage::build_stage(Slot::Gyro, &config.launch, Gyro::from_name)?);
     Ok(SingleInputSlot::new(GyroProcessor { gyro }))
-}
-
-/// Subscribes to the inputs of the slot.
-///
-/// # Errors
-///
-/// Returns an error if the bus fails.
-pub fn subscribe(context: &ServiceContext) -> Result<SlotInputs<ImuSample>, RuntimeError> {
-    Ok(vec![Box::new(context.subscriber::<ImuSample>()?)])
 }
 
 impl TickProcessor for GyroProcessor {

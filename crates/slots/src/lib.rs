@@ -19,6 +19,7 @@ pub mod gyro;
 mod true_north;
 
 use launch::Slot;
+use messages::ImuSample;
 use runtime::{RuntimeError, ServiceConfig, ServiceContext, ServiceLoop, SlotInputs, SlotLoop, SlotProcessor};
 
 /// Starts the main loop of the service of a slot.
@@ -28,11 +29,15 @@ use runtime::{RuntimeError, ServiceConfig, ServiceContext, ServiceLoop, SlotInpu
 /// Returns an error if the configuration is invalid, the stage cannot be built, or the bus fails.
 pub fn start(slot: Slot, context: ServiceContext) -> Result<Box<dyn ServiceLoop>, RuntimeError> {
     match slot {
-        Slot::Gyro => start_loop(context, gyro::slot, gyro::subscribe),
-        Slot::Accel => start_loop(context, accel::slot, accel::subscribe),
+        Slot::Gyro => start_loop(context, gyro::slot, subscribe_imu),
+        Slot::Accel => start_loop(context, accel::slot, subscribe_imu),
         Slot::Fuser => start_loop(context, fuser::slot, fuser::subscribe),
         Slot::Course => start_loop(context, course::slot, course::subscribe),
     }
+}
+
+fn subscribe_imu(context: &ServiceContext) -> Result<SlotInputs<ImuSample>, RuntimeError> {
+    Ok(vec![Box::new(context.subscriber::<ImuSample>()?)])
 }
 
 fn start_loop<S: SlotProcessor + 'static>(
