@@ -150,13 +150,8 @@ fn unknown_constant(name: &str, value: u32) -> PlumblineStatus {
 }
 
 fn slot_of(slot: u32) -> Result<Slot, PlumblineStatus> {
-    match slot {
-        0 => Ok(Slot::Gyro),
-        1 => Ok(Slot::Accel),
-        2 => Ok(Slot::Fuser),
-        3 => Ok(Slot::Course),
-        _ => Err(unknown_constant("slot", slot)),
-    }
+    const { assert!(PlumblineSlot::Course as usize == Slot::Course as usize) };
+    Slot::ALL.get(slot as usize).copied().ok_or_else(|| unknown_constant("slot", slot))
 }
 
 /// Creates a builder for ideal sensors and the default stages. Returns null if memory is exhausted.

@@ -12,6 +12,7 @@ use attitude::{
     gyro::{Gyro, RateKind, SupervisedGyro},
     parameters::{ParameterError, Parameters, settings},
     resetting::ResettingStage,
+    slot::Slot,
     stage::Stage as _,
 };
 
@@ -22,44 +23,6 @@ settings! {
     struct Sampling {
         /// Nominal sampling rate of gyro and accelerometer.
         sample_rate_hz: 100.0 in 0.1 .. 100_000.0, "Hz";
-    }
-}
-
-/// Slot that a stage fills.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Slot {
-    /// Integrates the body rate.
-    Gyro,
-    /// Computes the up direction from the force.
-    Accel,
-    /// Fuses the sensors into one attitude.
-    Fuser,
-    /// Computes the angles and the heading.
-    Course,
-}
-
-impl Slot {
-    /// All slots, in the order of the data path.
-    pub const ALL: [Self; 4] = [Self::Gyro, Self::Accel, Self::Fuser, Self::Course];
-
-    /// Returns the name of the slot.
-    pub fn name(self) -> &'static str {
-        match self {
-            Self::Gyro => "gyro",
-            Self::Accel => "accel",
-            Self::Fuser => "fuser",
-            Self::Course => "course",
-        }
-    }
-
-    /// Returns the names of the stages that can fill the slot. The first is the default.
-    pub fn stages(self) -> &'static [&'static str] {
-        match self {
-            Self::Gyro => &Gyro::NAMES,
-            Self::Accel => &Accelerometer::NAMES,
-            Self::Fuser => &Fuser::NAMES,
-            Self::Course => &Course::NAMES,
-        }
     }
 }
 

@@ -75,8 +75,9 @@ pub use attitude::{
 };
 
 pub use ahrs::{Ahrs, GnssFix};
+pub use attitude::slot::Slot;
 pub use attitude_output::Attitude;
-pub use builder::{AhrsBuilder, BuildError, Name, Sensor, Slot};
+pub use builder::{AhrsBuilder, BuildError, Name, Sensor};
 pub use snapshot::SnapshotError;
 
 /// Stages for the slot `fuser`, for choosing one by type.

@@ -39,6 +39,7 @@
 //! | [`magnetometer`] | new samples of a magnetometer that repeats them |
 //! | [`frames`] | conversion to and from other frames, such as those of ROS and PX4 |
 //! | [`metrics`] | errors of an estimate against a reference |
+//! | [`slot`] | steps of the estimation, with the names of their stages |
 //! | [`gyro`], [`accel`], [`fuser`], [`course`] | stages of each slot |
 #![no_std]
 #![forbid(unsafe_code)]
@@ -61,6 +62,7 @@ pub mod point;
 pub mod resetting;
 pub mod rotation;
 pub mod scalars;
+pub mod slot;
 pub mod stage;
 pub mod state;
 pub mod state_words;

@@ -74,7 +74,7 @@ impl Entry {
     /// Returns `true` if the gateway can carry the topic to another host. This requires that a slot
     /// processes the topic's ticks.
     pub fn is_carried(&self) -> bool {
-        self.presence.is_ticked() && Slot::ALL.into_iter().any(|slot| self.is_subscribed_by(slot.service()))
+        self.presence.is_ticked() && Slot::ALL.into_iter().any(|slot| self.is_subscribed_by(Service::from(slot)))
     }
 
     /// Returns the publisher if it is a single service, or `None` otherwise.

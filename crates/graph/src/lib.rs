@@ -9,7 +9,7 @@
 //! | module | contents |
 //! | --- | --- |
 //! | [`table`](topics) | the table, one line per topic |
-//! | [`service`] | services, slots and other participants |
+//! | [`service`] | services and other participants |
 //! | [`stage_config`](StageConfig) | stage and parameters of a slot |
 //! | [`topic`] | the entry of a topic, and [`Topic`], an enum with one variant per line |
 //! | [`edges`] | queries: inputs and outputs of a service, downstream services, carried topics |
@@ -21,7 +21,8 @@ mod stage_config;
 mod table;
 pub mod topic;
 
+pub use attitude::slot::Slot;
 pub use edges::{GRAPH, Graph};
-pub use service::{Participant, Service, Slot};
+pub use service::{Participant, Service};
 pub use stage_config::StageConfig;
 pub use topic::{Buffer, Entry, Presence, Topic};

@@ -1,8 +1,10 @@
-//! Services, slots and the other publishers and subscribers.
+//! Services and the other publishers and subscribers.
 
 use core::fmt;
 
-/// Defines [`Service`], [`Slot`] and the services' [`participant`] constants from the table of
+use attitude::slot::Slot;
+
+/// Defines [`Service`] and the services' [`participant`] constants from the table of
 /// services.
 ///
 /// A line is `Service = name: properties;`
@@ -23,13 +25,6 @@ macro_rules! services {
             $($(#[$source_doc])* $source,)*
             $($(#[$slot_doc])* $slot,)*
             $($(#[$other_doc])* $other,)*
-        }
-
-        /// A service that runs a selectable stage.
-        #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
-        #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize), serde(rename_all = "lowercase"))]
-        pub enum Slot {
-            $($(#[$slot_doc])* $slot,)*
         }
 
         /// Name and properties of each service.
@@ -55,14 +50,10 @@ macro_rules! services {
             }
         }
 
-        impl Slot {
-            /// All slots, in the order of the data flow.
-            pub const ALL: [Self; [$(Self::$slot),*].len()] = [$(Self::$slot),*];
-
-            /// Returns the service of the slot.
-            pub const fn service(self) -> Service {
-                match self {
-                    $(Self::$slot => Service::$slot,)*
+        impl From<Slot> for Service {
+            fn from(slot: Slot) -> Self {
+                match slot {
+                    $(Slot::$slot => Self::$slot,)*
                 }
             }
         }
@@ -199,24 +190,6 @@ const fn listed() -> [Service; count_listed()] {
         index += 1;
     }
     listed
-}
-
-impl Slot {
-    /// Returns the name used in launch files and messages.
-    pub const fn name(self) -> &'static str {
-        self.service().name()
-    }
-
-    /// Returns the slot called `name`.
-    pub fn from_name(name: &str) -> Option<Self> {
-        Service::from_name(name).and_then(Service::slot)
-    }
-}
-
-impl fmt::Display for Slot {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.pad(self.name())
-    }
 }
 
 impl fmt::Display for Service {

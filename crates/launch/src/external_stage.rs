@@ -6,7 +6,6 @@ use serde::{Deserialize, Serialize};
 
 use crate::{
     Slot,
-    built_in::built_in_stages,
     description::Key,
     keys::read,
     kind::{Texts, one_of},
@@ -81,7 +80,7 @@ fn is_free(section: &mut Section<'_, '_>, name: &str, span: &Range<usize>) -> bo
         section.report(Problem::new(span.clone(), title, "invalid stage name"));
         return false;
     }
-    let is_taken = Slot::ALL.into_iter().any(|slot| built_in_stages(slot).contains(&name));
+    let is_taken = Slot::ALL.into_iter().any(|slot| slot.stages().contains(&name));
     if is_taken {
         let title = format!("stages.{name}: the name belongs to a built-in stage");
         section.report(Problem::new(span.clone(), title, "choose another name"));

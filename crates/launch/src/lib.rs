@@ -13,7 +13,6 @@
 //! | `kind` | kinds of values |
 //! | `model` | top level, `[restart]`, and the stages of the slots |
 //! | `ingest` | source of the samples, and their limits |
-//! | `built_in` | built-in stages of each slot |
 //! | `slot_stage` | stages allowed in a slot |
 //! | `live_sources` | sources that send in real time |
 //! | `format` | byte formats of ports |
@@ -37,7 +36,6 @@
 //! | `problem` | problems of a file, and their display |
 #![forbid(unsafe_code)]
 
-mod built_in;
 mod cockpit;
 mod description;
 mod edit;
@@ -66,7 +64,6 @@ mod toml_reader;
 
 pub use graph::{Service, Slot, StageConfig};
 
-pub use built_in::{built_in_parameters, built_in_stages};
 pub use cockpit::{Cockpit, CockpitTls};
 pub use description::{KeyDescription, SectionDescription};
 pub use edit::{EditError, write_sections};

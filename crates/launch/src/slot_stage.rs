@@ -14,7 +14,6 @@ use toml::de::DeValue;
 
 use crate::{
     ExternalStage, Slot, StageConfig,
-    built_in::{built_in_parameters, built_in_stages, default_stage},
     description::Key,
     keys::{Kind, read},
     kind::{By, one_of},
@@ -97,7 +96,7 @@ fn stage_parameters(section: &mut Section<'_, '_>, key: Key, out: &mut BTreeMap<
     }
     let parameters = slot(section).and_then(|slot| {
         let chosen = section.peek("stage").filter(|stage| allowed_stages(section, slot).contains(stage));
-        built_in_parameters(slot, chosen.unwrap_or(default_stage(slot)))
+        slot.parameters(chosen.unwrap_or(slot.stages()[0]))
     });
     section.section(key, |section| {
         let Some(parameters) = parameters else {
@@ -138,13 +137,13 @@ fn allowed_stages<'t>(section: &Section<'t, '_>, slot: Slot) -> Vec<&'t str> {
     };
     let own = own.into_iter().flat_map(|stages| stages.iter());
     let own = own.filter(|(_, stage)| is_for_slot(stage.get_ref())).map(|(name, _)| name.get_ref().as_ref());
-    built_in_stages(slot).iter().copied().chain(own).collect()
+    slot.stages().iter().copied().chain(own).collect()
 }
 
 /// Returns the names of the slot's stages: first built-in, then external ones.
 pub(crate) fn stage_names(slot: Slot, external: &BTreeMap<String, ExternalStage>) -> Vec<&str> {
     let external_names = external.iter().filter(|(_, stage)| stage.slot == slot).map(|(name, _)| name.as_str());
-    built_in_stages(slot).iter().copied().chain(external_names).collect()
+    slot.stages().iter().copied().chain(external_names).collect()
 }
 
 #[cfg(test)]

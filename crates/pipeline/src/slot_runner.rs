@@ -10,6 +10,7 @@
 
 use std::collections::VecDeque;
 
+use launch::Service;
 use messages::Control;
 use runtime::{
     Role, RuntimeError, ServiceConfig, SlotProcessor,
@@ -110,7 +111,7 @@ impl<S: SlotProcessor<Input: Clone>> ReplayedSlot<S> {
         while let Some(change) = self.pending_changes.pop_front_if(|change| change.from_tick <= tick) {
             self.epoch += 1;
             let (from_tick, epoch, owner) = (change.from_tick, self.epoch, change.instance);
-            let control = Control { from_tick, epoch, service: S::SLOT.service() as u32, owner, reserved: 0 };
+            let control = Control { from_tick, epoch, service: Service::from(S::SLOT) as u32, owner, reserved: 0 };
             for (_, service) in &mut self.services {
                 service.apply_decision(&control, publish);
             }

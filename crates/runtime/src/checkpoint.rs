@@ -10,6 +10,7 @@ use attitude::{
     stage::{MAX_STATE_VALUES, RestoreError, Snapshot, Stage},
     state_words::StateWords,
 };
+use graph::Service;
 use messages::{CHECKPOINT_WORDS, Checkpoint};
 
 use crate::slot::SlotProcessor;
@@ -50,7 +51,7 @@ pub enum ResumeError {
 pub fn capture<S: SlotProcessor>(slot: &mut S, incarnation: u32, swapped: bool, record: &mut Checkpoint) {
     let used = [record.slot_words, record.common_words, record.stage_words].map(|len| len as usize).iter().sum();
     record.next_tick = slot.sequence().next_tick;
-    record.service = S::SLOT.service() as u32;
+    record.service = Service::from(S::SLOT) as u32;
     record.incarnation = incarnation;
     record.swapped = swapped.into();
     record.stage = Default::default();
@@ -83,7 +84,7 @@ pub fn capture<S: SlotProcessor>(slot: &mut S, incarnation: u32, swapped: bool, 
 /// Fails if the checkpoint is damaged, belongs to another slot, or is rejected by the slot or its
 /// stage. The slot is then unchanged.
 pub fn resume<S: SlotProcessor>(slot: &mut S, record: &Checkpoint) -> Result<Resumed, ResumeError> {
-    if record.service != S::SLOT.service() as u32 {
+    if record.service != Service::from(S::SLOT) as u32 {
         return Err(ResumeError::OtherSlot);
     }
     let mut before = Vec::new();

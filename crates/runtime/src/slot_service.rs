@@ -6,6 +6,7 @@
 //!   inputs still hold.
 
 use bytemuck::Zeroable as _;
+use graph::Service;
 use messages::{Checkpoint, Control, Flags, Header, Health, Ticked};
 use swap::{OutputGate, OwnershipStatus, Resume, Role, Sequence};
 
@@ -119,7 +120,7 @@ impl<S: SlotProcessor> SlotService<S> {
         let Self { gate, swapped_at, missed_at, .. } = self;
         let Control { epoch, owner, from_tick, service, .. } = *control;
         let decision = swap::OwnershipDecision { epoch, owner, from_tick };
-        service == S::SLOT.service() as u32
+        service == Service::from(S::SLOT) as u32
             && gate.apply(decision, &mut |output| publish(with_flags(output, swapped_at, missed_at))).is_some()
     }
 

@@ -5,7 +5,6 @@ use std::{
     path::{Path, PathBuf},
 };
 
-use attitude::{accel::Accelerometer, course::Course, fuser::Fuser, gyro::Gyro};
 use graph::Slot;
 
 /// Name and text of each file of the Python package `plumbline`. The package is placed next to a
@@ -201,9 +200,7 @@ impl Template {
             return Err(TemplateError::InvalidName(name.clone()));
         }
         let name_taken = |meaning| Err(TemplateError::NameTaken { name: name.clone(), meaning });
-        let mut built_in =
-            [&Gyro::NAMES[..], &Accelerometer::NAMES, &Fuser::NAMES, &Course::NAMES].into_iter().flatten();
-        if built_in.any(|built_in| built_in == name) {
+        if Slot::ALL.into_iter().flat_map(Slot::stages).any(|built_in| built_in == name) {
             return name_taken("the name of a built-in stage");
         }
         if RESERVED_NAMES.contains(&name.as_str()) {
@@ -307,7 +304,7 @@ mod tests {
     fn templates_have_no_unfilled_placeholders() {
         let languages = [Language::Python, Language::C, Language::Rust { source: "/here".into() }];
         for language in languages {
-            for slot in [Slot::Gyro, Slot::Accel, Slot::Fuser, Slot::Course] {
+            for slot in Slot::ALL {
                 let template = Template { language: language.clone(), slot, name: "my-stage".into() };
                 for (file, text) in template.files().unwrap() {
                     assert!(

@@ -151,7 +151,7 @@ fn schema() -> Value {
 
 /// Returns name, unit, default, minimum, maximum and meaning of each parameter of a stage.
 fn stage_parameters(slot: Slot, stage: &str) -> Value {
-    let parameters = launch::built_in_parameters(slot, stage).unwrap_or_default().iter();
+    let parameters = slot.parameters(stage).unwrap_or_default().iter();
     parameters.map(|it| json!([it.name, it.unit, it.default, it.min, it.max, it.description])).collect()
 }
 

@@ -10,7 +10,7 @@ use bus::{Observer, SystemName, Tap};
 use calibrate::{Kind, Prior};
 use control::{ControlRequest, ServiceStatus, SwapReport, SwapRequest, send_request};
 use graph::Topic;
-use launch::{Launch, Slot, Source as LaunchSource};
+use launch::{Launch, Service, Slot, Source as LaunchSource};
 use observe::readings;
 use runtime::ServiceConfig;
 use wire::v1::Recording;
@@ -158,7 +158,7 @@ impl SupervisorClient {
 impl CommandTarget for SupervisorClient {
     fn description(&self) -> Result<SystemDescription, String> {
         let ServiceConfig { launch, rate_hz, supervisor_pid, .. } = self.request(&ControlRequest::ServiceConfig)?;
-        let slots = Slot::ALL.into_iter().filter(|slot| launch.services.contains(&slot.service()));
+        let slots = Slot::ALL.into_iter().filter(|slot| launch.services.contains(&Service::from(*slot)));
         let slots = slots.map(|slot| SlotDescription {
             slot: slot.name().into(),
             stages: launch.stage_names(slot).into_iter().map(str::to_owned).collect(),

@@ -12,8 +12,6 @@ use crate::error::value_error;
 /// Rows of a matrix.
 pub(crate) type Rows = [[f64; 3]; 3];
 
-const SLOTS: [(&str, Slot); 4] =
-    [("gyro", Slot::Gyro), ("accel", Slot::Accel), ("fuser", Slot::Fuser), ("course", Slot::Course)];
 const SENSORS: [(&str, Sensor); 3] = [("gyro", Sensor::Gyro), ("accel", Sensor::Accel), ("mag", Sensor::Mag)];
 const RATE_KINDS: [(&str, RateKind); 2] = [("mean", RateKind::Mean), ("instant", RateKind::Instant)];
 const GYRO_SAMPLES: [(&str, GyroSamples); 2] = [("mean", GyroSamples::Means), ("instant", GyroSamples::Instants)];
@@ -33,7 +31,7 @@ pub(crate) fn frame(name: &str) -> PyResult<Frame> {
 
 /// Returns the slot with the given name.
 pub(crate) fn slot(name: &str) -> PyResult<Slot> {
-    named("slot", &SLOTS, name)
+    named("slot", &Slot::ALL.map(|slot| (slot.name(), slot)), name)
 }
 
 /// Returns the sensor with the given name.

@@ -77,7 +77,7 @@ impl KillCampaign {
                 system.poll_until(monotonic_ns() + pause_ms * 1_000_000)?;
                 let slot = Slot::ALL[random_in_range(&mut random, 0..Slot::ALL.len() as u64) as usize];
                 let next_tick = system.next_tick();
-                kills.extend(system.kill(slot.service()).map(|at_ns| (at_ns, next_tick)));
+                kills.extend(system.kill(Service::from(slot)).map(|at_ns| (at_ns, next_tick)));
             }
             system.poll_until(monotonic_ns() + 1_000_000_000)?;
             let mut outputs = system.outputs().iter();

@@ -3,7 +3,7 @@
 use std::{collections::BTreeMap, fmt, sync::mpsc, time::Duration};
 
 use control::{ControlError, ControlRequest, SwapOutcome, SwapReport, SwapRequest, send_request};
-use launch::{Service, Slot, StageConfig, built_in_stages, pluralize};
+use launch::{Service, Slot, StageConfig, pluralize};
 use messages::AttitudeOutput;
 use rand_chacha::{ChaCha8Rng, rand_core::SeedableRng};
 use runtime::clock::monotonic_ns;
@@ -169,7 +169,7 @@ impl fmt::Display for SwapCampaignReport {
 /// Returns a request for a random stage of a random slot.
 fn random_request(random: &mut ChaCha8Rng, same_stage: bool) -> SwapRequest {
     let slot = Slot::ALL[random_in_range(random, 0..Slot::ALL.len() as u64) as usize];
-    let names = built_in_stages(slot);
+    let names = slot.stages();
     let name = names[random_in_range(random, 0..names.len() as u64) as usize];
     let stage = StageConfig { stage: if same_stage { names[0] } else { name }.into(), set: BTreeMap::new() };
     let timeout_ms = Some(SwapRequest::DEFAULT_TIMEOUT_MS);

@@ -41,10 +41,10 @@ impl Catalogue {
     /// Returns an error if an external stage cannot be started or queried.
     pub fn new(launch: &Launch) -> Result<Self, RuntimeError> {
         let slots = vec![
-            slot_entry(Slot::Gyro, launch, &Gyro::NAMES, Gyro::from_name)?,
-            slot_entry(Slot::Accel, launch, &Accelerometer::NAMES, Accelerometer::from_name)?,
-            slot_entry(Slot::Fuser, launch, &Fuser::NAMES, Fuser::from_name)?,
-            slot_entry(Slot::Course, launch, &Course::NAMES, Course::from_name)?,
+            slot_entry(Slot::Gyro, launch, Gyro::from_name)?,
+            slot_entry(Slot::Accel, launch, Accelerometer::from_name)?,
+            slot_entry(Slot::Fuser, launch, Fuser::from_name)?,
+            slot_entry(Slot::Course, launch, Course::from_name)?,
         ];
         Ok(Self { slots })
     }
@@ -59,7 +59,6 @@ impl Catalogue {
 fn slot_entry<B: HostableStage + Clone>(
     slot: Slot,
     launch: &Launch,
-    names: &'static [&'static str],
     from_name: fn(&str) -> Option<B>,
 ) -> Result<SlotEntry, RuntimeError> {
     let external = launch.stages.iter().filter(|(_, program)| program.slot == slot).map(|(name, _)| name.as_str());
@@ -74,7 +73,8 @@ fn slot_entry<B: HostableStage + Clone>(
             parameters: stage.parameters(),
         })
     };
-    let stages = names.iter().copied().chain(external).enumerate().map(entry).collect::<Result<_, RuntimeError>>()?;
+    let stages =
+        slot.stages().iter().copied().chain(external).enumerate().map(entry).collect::<Result<_, RuntimeError>>()?;
     Ok(SlotEntry { slot, stages })
 }
 

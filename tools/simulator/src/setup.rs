@@ -217,7 +217,7 @@ impl Setup {
     /// kills a process that subscribes to the slot.
     fn add_kills_at_owner_change(&mut self, random: &mut Random) {
         let swaps = self.faults.iter().filter_map(|(at_ms, fault)| match fault {
-            Fault::Swap { slot, shadow_ms: None, .. } => Some((*at_ms, slot.service())),
+            Fault::Swap { slot, shadow_ms: None, .. } => Some((*at_ms, Service::from(*slot))),
             _ => None,
         });
         let swaps: Vec<_> = swaps.collect();

@@ -2,7 +2,7 @@
 
 use std::convert::Infallible;
 
-use launch::Slot;
+use launch::{Service, Slot};
 use messages::{Difference, Health, State, Ticked};
 use runtime::{
     ServiceConfig, SingleInputSlot, SlotProcessor, input_scheduling::poll_fairly, ordered_subscriber::OrderedStream,
@@ -172,7 +172,7 @@ impl<'a> Ports<'a> {
         };
         let output_tick = output(bus).next_tick;
         let (slot_service, _) = SlotService::new(slot, config, input_tick, output_tick);
-        let health = Health { service: S::SLOT.service() as u32, incarnation, ..bytemuck::Zeroable::zeroed() };
+        let health = Health { service: Service::from(S::SLOT) as u32, incarnation, ..bytemuck::Zeroable::zeroed() };
         Box::new(Worker {
             service: slot_service,
             inputs,

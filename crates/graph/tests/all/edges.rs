@@ -50,10 +50,11 @@ fn sparse_topics_are_carried_before_dense_ones() {
 
 #[test]
 fn slots_are_services_of_the_path_that_run_a_stage() {
-    let services = Slot::ALL.map(Slot::service);
+    let services = Slot::ALL.map(Service::from);
     assert_eq!(services, [Gyro, Accel, Fuser, Course]);
     assert_eq!(Service::ALL.into_iter().filter(|service| service.slot().is_some()).collect::<Vec<_>>(), services);
     assert_eq!(services.map(Service::slot), Slot::ALL.map(Some));
+    assert_eq!(services.map(Service::name), Slot::ALL.map(Slot::name));
     assert_eq!(["fuser", "ingest", "fusers"].map(Slot::from_name), [Some(Slot::Fuser), None, None]);
 }
 

@@ -200,7 +200,7 @@ impl Supervision {
         // If ingest runs on another host, the output of the gyro indicates the newest sample.
         let newest = self.published[Service::Ingest as usize].max(self.published[Service::Gyro as usize]);
         self.notify_slot(slot, swap::Event::NewestInput { tick: newest.saturating_sub(1) });
-        let next_tick = self.subscribers_resume_tick(slot.service());
+        let next_tick = self.subscribers_resume_tick(Service::from(slot));
         self.notify_slot(slot, swap::Event::SubscribersCheckpointed { next_tick });
         // The topic is more up to date than the health report of the active stage. From the
         // hand-over on, however, the topic may also contain outputs of the candidate.
@@ -208,9 +208,9 @@ impl Supervision {
             SwapState::Armed { from_tick } => Some(from_tick),
             _ => None,
         });
-        let published = self.published[slot.service() as usize];
+        let published = self.published[Service::from(slot) as usize];
         let published = if hand_over_tick.is_none_or(|from_tick| published <= from_tick) { published } else { 0 };
-        let entry = self.table.entry(slot.service());
+        let entry = self.table.entry(Service::from(slot));
         let (active, candidate) = (entry.health().copied(), entry.candidate_health().copied());
         if let Some(health) = active {
             self.notify_slot(slot, ownership_status(&health, published));
@@ -253,7 +253,7 @@ impl Supervision {
     }
 
     fn apply_swap_action(&mut self, slot: Slot, action: swap::Action) {
-        let service = slot.service();
+        let service = Service::from(slot);
         match action {
             swap::Action::SpawnCandidate { epoch, .. } => {
                 let resume = self.checkpoints.resume_candidate(service);
@@ -291,13 +291,13 @@ impl Supervision {
     /// Publishes the event that the owner of a slot is unchanged. The tick of the event is the one
     /// after the newest tick published for the slot.
     pub(crate) fn publish_owner_unchanged(&mut self, slot: Slot) {
-        let incarnation = self.table.entry(slot.service()).incarnation();
-        self.publish_owner(slot, FIRST_EPOCH, incarnation, self.published[slot.service() as usize]);
+        let incarnation = self.table.entry(Service::from(slot)).incarnation();
+        self.publish_owner(slot, FIRST_EPOCH, incarnation, self.published[Service::from(slot) as usize]);
     }
 
     /// Publishes an event about an ownership decision, with the details of the owner.
     fn publish_owner(&mut self, slot: Slot, epoch: u32, owner: u32, from_tick: u64) {
-        let service = slot.service();
+        let service = Service::from(slot);
         let is_candidate = self.table.is_candidate(service as u32, owner);
         let Some(state) = self.swaps.state_mut(slot) else { return };
         let instance = if is_candidate { state.candidate_instance.as_ref() } else { state.history.owner() };
@@ -310,7 +310,7 @@ impl Supervision {
 
     /// Starts a candidate, or a replacement of a failed owner. An existing candidate is killed.
     fn spawn_candidate(&mut self, slot: Slot, epoch: u32, role: Role, resume: Resume) {
-        let service = slot.service();
+        let service = Service::from(slot);
         self.checkpoints.clear_candidate(service);
         let Some(state) = self.swaps.state_mut(slot) else { return };
         state.ready_reported = false;
@@ -337,8 +337,8 @@ impl Supervision {
         let Some(state) = self.swaps.state_mut(slot) else { return };
         let committed = report.outcome == SwapOutcome::Committed;
         if committed && let Some(stage) = state.candidate.take() {
-            self.checkpoints.promote(slot.service());
-            let entry = self.table.entry_mut(slot.service());
+            self.checkpoints.promote(Service::from(slot));
+            let entry = self.table.entry_mut(Service::from(slot));
             entry.retired.extend(std::mem::replace(&mut entry.owner, entry.candidate.take()));
             (entry.given_up, entry.restart_at) = (false, None);
             entry.policy.reset();

@@ -4,7 +4,7 @@
 //! - Output: swap requests, equivalent to those of a client.
 
 use control::{SwapReport, SwapRequest};
-use launch::Slot;
+use launch::{Service, Slot};
 use messages::Difference;
 
 use crate::{
@@ -41,7 +41,7 @@ impl Supervision {
         for index in 0..self.watches.len() {
             let WatchRunner { rule, shadow, takeover, .. } = &mut self.watches[index];
             let is_relevant =
-                difference.service == rule.config.slot.service() as u32 && shadow.is_some() && takeover.is_none();
+                difference.service == Service::from(rule.config.slot) as u32 && shadow.is_some() && takeover.is_none();
             if is_relevant && rule.should_take_over(difference, at_s) {
                 let line = rule.takeover_message(difference);
                 self.announce(line);

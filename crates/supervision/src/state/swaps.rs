@@ -49,7 +49,7 @@ impl Attempt {
 impl Swaps {
     /// Returns `true` if a checkpoint is valid under the current ownership of the slot.
     pub(crate) fn accepts_checkpoint(&mut self, service: u32, incarnation: u32, next_tick: u64) -> bool {
-        let state = self.slots.iter_mut().find(|state| state.slot.service() as u32 == service);
+        let state = self.slots.iter_mut().find(|state| Service::from(state.slot) as u32 == service);
         state.is_none_or(|state| state.coordinator.admits_checkpoint(incarnation, next_tick))
     }
 
