@@ -141,6 +141,56 @@ pub trait Stage {
     }
 }
 
+/// Implements the methods of [`Stage`] that have no default, and those that describe a stage, by
+/// calling the same method of the stage that an enum holds.
+///
+/// `$each` is a macro that matches on the enum: `$each!(value, stage => expression)`. The attribute
+/// is that of [`step`](Stage::step).
+#[doc(hidden)]
+#[macro_export]
+macro_rules! forward_stage {
+    ($each:ident $(, #[$step_attribute:meta])?) => {
+        fn name(&self) -> &'static str {
+            $each!(self, stage => stage.name())
+        }
+
+        fn parts(&self) -> &'static [&'static str] {
+            $each!(self, stage => stage.parts())
+        }
+
+        fn parameters(&self) -> &'static [$crate::parameters::Parameter] {
+            $each!(self, stage => stage.parameters())
+        }
+
+        fn set(&mut self, name: &str, value: f64) -> Result<(), $crate::parameters::ParameterError> {
+            $each!(self, stage => stage.set(name, value))
+        }
+
+        $(#[$step_attribute])?
+        fn step(&mut self, input: &Self::Input) -> Self::Output {
+            $each!(self, stage => stage.step(input))
+        }
+
+        fn visit_state(&mut self, visit: &mut dyn FnMut(&mut f64)) {
+            $each!(self, stage => stage.visit_state(visit));
+        }
+
+        fn validation_error(&self) -> Option<&'static str> {
+            $each!(self, stage => stage.validation_error())
+        }
+
+        fn common(&self) -> Self::Common {
+            $each!(self, stage => stage.common())
+        }
+
+        fn adopt(&mut self, common: &Self::Common) -> Result<(), $crate::stage::RestoreError> {
+            $each!(self, stage => stage.adopt(common))
+        }
+    };
+}
+
+pub use forward_stage;
+
 /// State of a stage at one tick.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Snapshot {

@@ -3,8 +3,7 @@
 use attitude::{
     fuser::{Estimate, Fuser, FuserStage},
     gyro::{Gyro, GyroStage},
-    parameters::{Parameter, ParameterError},
-    stage::{RestoreError, Snapshot, Stage},
+    stage::{RestoreError, Snapshot, Stage, forward_stage},
     state::Attitude,
 };
 
@@ -34,42 +33,7 @@ impl<B: HostableStage + Clone> Stage for AnyStage<B> {
     type Output = B::Output;
     type Common = B::Common;
 
-    fn name(&self) -> &'static str {
-        delegate!(self, stage => stage.name())
-    }
-
-    fn parts(&self) -> &'static [&'static str] {
-        delegate!(self, stage => stage.parts())
-    }
-
-    fn parameters(&self) -> &'static [Parameter] {
-        delegate!(self, stage => stage.parameters())
-    }
-
-    fn set(&mut self, name: &str, value: f64) -> Result<(), ParameterError> {
-        delegate!(self, stage => stage.set(name, value))
-    }
-
-    #[inline]
-    fn step(&mut self, input: &B::Input) -> B::Output {
-        delegate!(self, stage => stage.step(input))
-    }
-
-    fn visit_state(&mut self, visit: &mut dyn FnMut(&mut f64)) {
-        delegate!(self, stage => stage.visit_state(visit));
-    }
-
-    fn validation_error(&self) -> Option<&'static str> {
-        delegate!(self, stage => stage.validation_error())
-    }
-
-    fn common(&self) -> B::Common {
-        delegate!(self, stage => stage.common())
-    }
-
-    fn adopt(&mut self, common: &B::Common) -> Result<(), RestoreError> {
-        delegate!(self, stage => stage.adopt(common))
-    }
+    forward_stage!(delegate, #[inline]);
 
     fn failure(&self) -> Option<&dyn std::error::Error> {
         delegate!(self, stage => stage.failure())

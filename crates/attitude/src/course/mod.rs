@@ -50,10 +50,7 @@ pub use reference::CourseReference;
 pub use supervised::SupervisedCourse;
 pub use track::{TrackCourse, TrackSettings};
 
-use crate::{
-    parameters::{Parameter, ParameterError},
-    stage::{RestoreError, Stage},
-};
+use crate::stage::{Stage, forward_stage};
 
 /// Course stage.
 #[derive(Debug, Clone, PartialEq)]
@@ -126,35 +123,5 @@ impl Stage for Course {
     type Output = CourseReading;
     type Common = LastReading;
 
-    fn name(&self) -> &'static str {
-        each!(self, stage => stage.name())
-    }
-
-    fn parameters(&self) -> &'static [Parameter] {
-        each!(self, stage => stage.parameters())
-    }
-
-    fn set(&mut self, name: &str, value: f64) -> Result<(), ParameterError> {
-        each!(self, stage => stage.set(name, value))
-    }
-
-    fn step(&mut self, input: &CourseInput) -> CourseReading {
-        each!(self, stage => stage.step(input))
-    }
-
-    fn visit_state(&mut self, visit: &mut dyn FnMut(&mut f64)) {
-        each!(self, stage => stage.visit_state(visit));
-    }
-
-    fn validation_error(&self) -> Option<&'static str> {
-        each!(self, stage => stage.validation_error())
-    }
-
-    fn common(&self) -> LastReading {
-        each!(self, stage => stage.common())
-    }
-
-    fn adopt(&mut self, common: &LastReading) -> Result<(), RestoreError> {
-        each!(self, stage => stage.adopt(common))
-    }
+    forward_stage!(each);
 }

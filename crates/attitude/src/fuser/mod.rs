@@ -58,10 +58,7 @@ pub use input::FuserInput;
 pub use leaky_velocity::LeakyVelocity;
 pub use supervised::SupervisedFuser;
 
-use crate::{
-    parameters::{Parameter, ParameterError},
-    stage::{RestoreError, Stage},
-};
+use crate::stage::{RestoreError, Stage, forward_stage};
 use {
     aided::Aided,
     levelling::{Levelling, LevellingPi, LevellingUnified},
@@ -211,41 +208,6 @@ impl Stage for Fuser {
     type Output = Fused;
     type Common = Estimate;
 
-    fn name(&self) -> &'static str {
-        each!(self, stage => stage.name())
-    }
-
-    fn parts(&self) -> &'static [&'static str] {
-        each!(self, stage => stage.parts())
-    }
-
-    fn parameters(&self) -> &'static [Parameter] {
-        each!(self, stage => stage.parameters())
-    }
-
-    fn set(&mut self, name: &str, value: f64) -> Result<(), ParameterError> {
-        each!(self, stage => stage.set(name, value))
-    }
-
     // Inlined so that the outputs of the upstream stages reach this one in registers.
-    #[inline(always)]
-    fn step(&mut self, input: &FuserInput) -> Fused {
-        each!(self, stage => stage.step(input))
-    }
-
-    fn visit_state(&mut self, visit: &mut dyn FnMut(&mut f64)) {
-        each!(self, stage => stage.visit_state(visit));
-    }
-
-    fn validation_error(&self) -> Option<&'static str> {
-        each!(self, stage => stage.validation_error())
-    }
-
-    fn common(&self) -> Estimate {
-        each!(self, stage => stage.common())
-    }
-
-    fn adopt(&mut self, common: &Estimate) -> Result<(), RestoreError> {
-        each!(self, stage => stage.adopt(common))
-    }
+    forward_stage!(each, #[inline(always)]);
 }
