@@ -12,7 +12,7 @@
 //!
 //! | variant | description | latency up to | CPU time |
 //! | --- | --- | --- | --- |
-//! | `raw` | 5 processes over shared-memory rings, the lower bound | receipt | 5 processes |
+//! | `raw` | 5 processes over shared-memory rings, without a bus | receipt | 5 processes |
 //! | `bus` | the same processes over `crates/bus` | receipt | 5 processes |
 //! | `real` | `plumb up` with the fuser `wz` | publication | 5 services, supervisor |
 //! | `other` | another `plumb` executable, with `--other` | publication | 5 services, supervisor |

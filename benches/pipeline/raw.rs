@@ -1,4 +1,4 @@
-//! Variant `raw`, the lower bound: each topic is a ring in shared memory, with one producer, one or
+//! Variant `raw`, without a bus: each topic is a ring in shared memory, with one producer, one or
 //! two consumers, and a futex that wakes waiting consumers.
 //!
 //! If a ring is full, the sample is dropped. Nothing is validated.
