@@ -47,6 +47,11 @@ impl Slot {
         }
     }
 
+    /// Returns the name of the default stage.
+    pub const fn default_stage(self) -> &'static str {
+        self.stages()[0]
+    }
+
     /// Returns the parameters of a built-in stage, or `None` if the slot has no stage of this name.
     pub fn parameters(self, stage: &str) -> Option<&'static [Parameter]> {
         match self {

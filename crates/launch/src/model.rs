@@ -61,16 +61,16 @@ keys! {
         /// Automatic promotion of a shadow stage. Each slot has at most one rule.
         watch: Vec<PromotionRule> = Vec::new(), PROMOTION_RULES;
         /// Stage of the gyro slot, see docs/reference/stages.md.
-        gyro: StageConfig = StageConfig::new(Slot::Gyro.stages()[0]), Table(slot_stage::read_keys);
+        gyro: StageConfig = StageConfig::new(Slot::Gyro.default_stage()), Table(slot_stage::read_keys);
         /// Stage of the accel slot.
-        accel: StageConfig = StageConfig::new(Slot::Accel.stages()[0]), Table(slot_stage::read_keys);
+        accel: StageConfig = StageConfig::new(Slot::Accel.default_stage()), Table(slot_stage::read_keys);
         /// Stage of the fuser slot. Parameters in `set`: hard_iron_sd_ut for an uncalibrated
         /// magnetometer; antenna_forward_m, antenna_right_m and antenna_up_m for the position of
         /// the receiver's antenna from the sensors.
-        fuser: StageConfig = StageConfig::new(Slot::Fuser.stages()[0]), Table(slot_stage::read_keys);
+        fuser: StageConfig = StageConfig::new(Slot::Fuser.default_stage()), Table(slot_stage::read_keys);
         /// Stage of the course slot, and the north reference of the course. The
         /// parameter declination_deg in `set` corrects a magnetic course by a fixed angle.
-        course: StageConfig = StageConfig::new(Slot::Course.stages()[0]), Table(slot_stage::read_keys);
+        course: StageConfig = StageConfig::new(Slot::Course.default_stage()), Table(slot_stage::read_keys);
         /// North reference of the course.
         north as "course": NorthReference = NorthReference::default(), Table(NorthReference::read_keys);
     }

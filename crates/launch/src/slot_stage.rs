@@ -96,7 +96,7 @@ fn stage_parameters(section: &mut Section<'_, '_>, key: Key, out: &mut BTreeMap<
     }
     let parameters = slot(section).and_then(|slot| {
         let chosen = section.peek("stage").filter(|stage| allowed_stages(section, slot).contains(stage));
-        slot.parameters(chosen.unwrap_or(slot.stages()[0]))
+        slot.parameters(chosen.unwrap_or(slot.default_stage()))
     });
     section.section(key, |section| {
         let Some(parameters) = parameters else {

@@ -325,12 +325,12 @@ impl Ingest {
         if self.conditioner.ticks() >= self.max_ticks() {
             return Ok(None);
         }
-        for (count, reading) in (1..).zip(readings) {
+        for (count, reading) in (1_u64..).zip(readings) {
             let reading: Reading = reading?;
             if let Some(sample) = self.process(&reading)? {
                 return Ok(Some(sample));
             }
-            if u64::is_multiple_of(count, REJECTED_PER_CHECK) {
+            if count.is_multiple_of(REJECTED_PER_CHECK) {
                 self.drain_credit()?;
                 self.deliver_history()?;
                 self.publish_health(state)?;

@@ -23,7 +23,7 @@ const INTERVAL: usize = 1000;
 
 /// Creates the filter with a stage in a slot, and the default stages in the other slots.
 fn filter(slot: Slot, stage: &str) -> Result<Ahrs<Fuser>, BuildError> {
-    Ok(AhrsBuilder::new().fuser_stage(Slot::Fuser.stages()[0])?.stage(slot, stage)?.build())
+    Ok(AhrsBuilder::new().fuser_stage(Slot::Fuser.default_stage())?.stage(slot, stage)?.build())
 }
 
 /// Writes the trace of each stage.

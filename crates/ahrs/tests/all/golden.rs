@@ -16,7 +16,7 @@ const INTERVAL: usize = 1000;
 
 /// Creates the filter with a stage in a slot, and the default stages in the others.
 fn filter(slot: Slot, stage: &str) -> Ahrs<Fuser> {
-    let builder = AhrsBuilder::new().fuser_stage(Slot::Fuser.stages()[0]).unwrap();
+    let builder = AhrsBuilder::new().fuser_stage(Slot::Fuser.default_stage()).unwrap();
     builder.stage(slot, stage).unwrap().build()
 }
 

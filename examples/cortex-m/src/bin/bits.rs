@@ -26,7 +26,7 @@ static GOLDEN_LIBM: &str = include_str!("../../../../crates/ahrs/golden/vqf-libm
 const SAMPLES: usize = 3000;
 
 fn filter(slot: Slot, stage: &str) -> Result<Ahrs<Fuser>, BuildError> {
-    Ok(AhrsBuilder::new().fuser_stage(Slot::Fuser.stages()[0])?.stage(slot, stage)?.build())
+    Ok(AhrsBuilder::new().fuser_stage(Slot::Fuser.default_stage())?.stage(slot, stage)?.build())
 }
 
 /// Returns the golden digest after [`SAMPLES`] samples.
