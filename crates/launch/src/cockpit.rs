@@ -13,8 +13,6 @@ use crate::{
     toml_reader::Section,
 };
 
-/// Default port.
-const PORT: u16 = 8088;
 const MAX_ORIGINS: usize = 8;
 
 keys! {
@@ -23,7 +21,7 @@ keys! {
     pub struct Cockpit {
         /// Address to listen on. Addresses other than loopback require `tls`. If the port is in
         /// use, the next free one is used.
-        listen: SocketAddr = (Ipv4Addr::LOCALHOST, PORT).into(), By(listen);
+        listen: SocketAddr = (Ipv4Addr::LOCALHOST, 8088).into(), By(listen);
         /// Server certificate and key, PEM. If set, viewing requires a token, even on the loopback
         /// interface.
         tls: Option<CockpitTls> = None, Optional(Table(CockpitTls::read));
@@ -51,8 +49,14 @@ keys! {
 }
 
 impl Cockpit {
-    /// Description of valid addresses for error messages.
-    pub const EXPECTED_ADDRESS: &str = "a loopback address such as 127.0.0.1:8088, or any address with tls; for remote access use `ssh -L 8088:127.0.0.1:8088 HOST`";
+    /// Returns a description of valid addresses for error messages.
+    pub fn expected_address() -> String {
+        let address = Self::default().listen;
+        let port = address.port();
+        format!(
+            "a loopback address such as {address}, or any address with tls; for remote access use `ssh -L {port}:{address} HOST`"
+        )
+    }
 
     /// Parses a listen address. Returns `None` if it is invalid, or if it is not a loopback address
     /// and there is no TLS.
@@ -87,7 +91,7 @@ impl CockpitTls {
 fn listen(section: &mut Section<'_, '_>, key: Key, out: &mut SocketAddr) {
     let (has_tls, default) = (section.has("tls"), out.to_string());
     let parse = |text: &str| Cockpit::parse_address(text, has_tls);
-    section.text(key, Cockpit::EXPECTED_ADDRESS, parse, Some(default), out);
+    section.text(key, &Cockpit::expected_address(), parse, Some(default), out);
 }
 
 /// Returns `true` for an origin as browsers send it: a scheme with optional host and port, in lower

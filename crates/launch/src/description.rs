@@ -55,7 +55,7 @@ pub struct KeyDescription {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::{Launch, describe};
+    use crate::{DEFAULT_RATE_HZ, Launch, describe};
 
     /// Returns the text of a section: its header, `condition` and `lines`.
     fn section(section: &SectionDescription, condition: &str, lines: &str) -> String {
@@ -101,6 +101,15 @@ mod tests {
                 }
             }
         }
+    }
+
+    #[test]
+    fn documented_buffer_rate_is_the_one_used() {
+        let sections = describe();
+        let rates =
+            sections.iter().flat_map(|section| &section.keys).filter(|key| key.doc.contains("buffers are made"));
+        let documented: Vec<_> = rates.map(|key| key.doc.contains(&format!("{DEFAULT_RATE_HZ} Hz"))).collect();
+        assert!(documented.len() > 1 && documented.iter().all(|is_right| *is_right), "{documented:?}");
     }
 
     #[test]

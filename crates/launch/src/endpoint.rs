@@ -6,16 +6,19 @@ use std::{
     ops::Range,
 };
 
-use crate::{keys::read, kind::Texts, problem::Problem, toml_reader::Section};
+use crate::{problem::Problem, toml_reader::Section};
 
 /// Maximum number of endpoints per key.
 pub(crate) const MAX_ENDPOINTS: usize = 16;
-const MAX_TUNNELS: usize = 4;
+/// Maximum number of networks in `tunnel`.
+pub(crate) const MAX_TUNNELS: usize = 4;
+/// Endpoint on the loopback interface with Zenoh's usual port.
+pub(crate) const LOOPBACK: &str = "tcp/127.0.0.1:7447";
 /// Shortest network prefix accepted for a tunnel. A shorter prefix covers more addresses than any
 /// private network.
 const MIN_PREFIX_BITS: u32 = 8;
 
-/// Checks the endpoints in `listen` and `connect`, and reads `tunnel`.
+/// Checks the endpoints in `listen` and `connect`, and the networks in `tunnel`.
 pub(crate) fn check_endpoints(section: &mut Section<'_, '_>) {
     let tunnels = tunnels(section);
     let security = |access| Security { tls: section.has("tls"), access, tunnels: &tunnels };
@@ -57,7 +60,7 @@ fn check(section: &mut Section<'_, '_>, key: &'static str, security: &Security<'
             Some(Endpoint::Plain { host }) if security.tunnels.iter().any(|tunnel| tunnel.contains(host)) => continue,
             Some(Endpoint::Plain { .. }) => {
                 let help = Some(format!(
-                    "use \"quic/…\" with certificates ({CERTIFICATES}), or the loopback ({LOOPBACK}); for an encrypted tunnel, list its network in tunnel"
+                    "use \"quic/…\" with certificates ({CERTIFICATES}), or the loopback ({LOOPBACK:?}); for an encrypted tunnel, list its network in tunnel"
                 ));
                 Problem {
                     help,
@@ -70,7 +73,7 @@ fn check(section: &mut Section<'_, '_>, key: &'static str, security: &Security<'
                 }
             }
             None => {
-                let note = Some(format!("for example {LOOPBACK} or \"quic/station.example:7447\""));
+                let note = Some(format!("for example {LOOPBACK:?} or \"quic/station.example:7447\""));
                 Problem {
                     note,
                     ..endpoint_problem(endpoint, key, "is not an endpoint", "expected tcp/HOST:PORT or quic/HOST:PORT")
@@ -82,19 +85,14 @@ fn check(section: &mut Section<'_, '_>, key: &'static str, security: &Security<'
     problems.into_iter().for_each(|problem| section.report(problem));
 }
 
-const LOOPBACK: &str = "\"tcp/127.0.0.1:7447\"";
 const CERTIFICATES: &str = "set ca, cert and key in [gateway.tls]";
 
 fn endpoint_problem((text, span): &(&str, Range<usize>), key: &str, what: &str, label: &str) -> Problem {
     Problem::new(span.clone(), format!("gateway.{key}: {text:?} {what}"), label)
 }
 
-/// Reads the networks of encrypted tunnels, and reports invalid ones.
+/// Returns the networks of encrypted tunnels, and reports invalid ones.
 fn tunnels(section: &mut Section<'_, '_>) -> Vec<Network> {
-    read!(section, {
-        /// Networks of encrypted tunnels such as WireGuard, where tcp/HOST:PORT is also allowed.
-        tunnel: Texts::<MAX_TUNNELS> => &mut Vec::new(), example r#"["10.9.0.0/24"]"#;
-    });
     let mut tunnels = Vec::new();
     for listed in section.elements("tunnel") {
         match Network::parse(listed.0) {

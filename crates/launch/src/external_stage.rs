@@ -2,13 +2,11 @@
 
 use std::{collections::BTreeMap, ops::Range, path::PathBuf, process::Command};
 
-use serde::{Deserialize, Serialize};
-
 use crate::{
     Slot,
     description::Key,
-    keys::read,
-    kind::{Texts, one_of},
+    keys::keys,
+    kind::{NoKey, Texts, one_of},
     problem::Problem,
     toml_reader::Section,
 };
@@ -16,16 +14,18 @@ use crate::{
 /// Maximum number of words in a command.
 const MAX_WORDS: usize = 64;
 
-/// Program that runs as the stage of a slot and speaks the stage protocol.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-pub struct ExternalStage {
-    /// Slot for which the stage is written.
-    pub slot: Slot,
-    /// Program and its arguments. A name without a slash is looked up in PATH. A path is relative
-    /// to `folder`.
-    pub command: Vec<String>,
-    /// Working directory: the launch file's folder.
-    pub folder: PathBuf,
+keys! {
+    /// Program that runs as the stage of a slot and speaks the stage protocol.
+    pub struct ExternalStage {
+        /// Slot for which the stage is written.
+        slot: Slot = Slot::Fuser, one_of(Slot::ALL.map(|slot| (slot.name(), slot))), example r#""fuser""#;
+        /// Program and its arguments. A path is relative to the folder of the launch file. A name
+        /// without a slash is looked up in PATH.
+        command: Vec<String> = Vec::new(), Texts::<{ usize::MAX }>,
+            example r#"["python3", "my-fuser/my_fuser.py"]"#;
+        /// Working directory: the folder of the launch file.
+        folder: PathBuf = PathBuf::new(), NoKey(stage_folder);
+    }
 }
 
 impl ExternalStage {
@@ -46,24 +46,12 @@ impl ExternalStage {
 /// Reads every `[stages.NAME]`. Whether programs exist is checked only if the launch file's folder
 /// is known.
 pub(crate) fn external_stages(section: &mut Section<'_, '_>, key: Key, out: &mut BTreeMap<String, ExternalStage>) {
-    // The folder is absolute, because it becomes the working directory of the stage.
-    let folder = section.folder().map(|folder| {
-        let absolute = std::path::absolute(folder.join("stage")).ok();
-        absolute.and_then(|path| Some(path.parent()?.to_path_buf())).unwrap_or_else(|| folder.into())
-    });
     section.named_tables(key, "my-fuser", |section, name, span| {
-        let mut stage =
-            ExternalStage { slot: Slot::Fuser, command: Vec::new(), folder: folder.clone().unwrap_or_default() };
-        read!(section, {
-            /// Slot for which the stage is written.
-            slot: one_of(Slot::ALL.map(|slot| (slot.name(), slot))) => &mut stage.slot, example r#""fuser""#;
-            /// Program and its arguments. A path is relative to the folder of the launch file. A
-            /// name without a slash is looked up in PATH.
-            command: Texts::<{ usize::MAX }> => &mut stage.command, example r#"["python3", "my-fuser/my_fuser.py"]"#;
-        });
+        let mut stage = ExternalStage::default();
+        stage.read_keys(section);
         let is_valid = is_free(section, name, &span) & require(section, name, &span, "slot");
         if require(section, name, &span, "command") && section.are_valid(&["command"]) {
-            check_command(section, name, folder.is_some(), &stage);
+            check_command(section, name, section.folder().is_some(), &stage);
         }
         // A stage with an invalid command is kept, so that a slot that uses it causes no second
         // problem.
@@ -71,6 +59,14 @@ pub(crate) fn external_stages(section: &mut Section<'_, '_>, key: Key, out: &mut
             out.insert(name.into(), stage);
         }
     });
+}
+
+/// Returns the folder of the launch file as an absolute path, because it becomes the working
+/// directory of the stage.
+fn stage_folder(section: &Section<'_, '_>) -> PathBuf {
+    let Some(folder) = section.folder() else { return PathBuf::new() };
+    let absolute = std::path::absolute(folder.join("stage")).ok();
+    absolute.and_then(|path| Some(path.parent()?.to_path_buf())).unwrap_or_else(|| folder.into())
 }
 
 fn is_free(section: &mut Section<'_, '_>, name: &str, span: &Range<usize>) -> bool {

@@ -5,7 +5,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::{
     description::Key,
-    keys::{Kind, Named, choices, keys, read},
+    keys::{Kind, Named, choices, keys},
     kind::{one_of, text},
     problem::Problem,
     toml_reader::Section,
@@ -22,10 +22,7 @@ pub enum Format {
     /// Frames of a WitMotion sensor.
     WitMotion(WitMotion),
     /// MTData2 of an Xsens MTi.
-    Xsens {
-        /// Scale of the magnetometer, µT per unit.
-        field_unit_ut: f64,
-    },
+    Xsens(Xsens),
     /// BNO08x in UART-RVC mode.
     Rvc,
     /// IMU and receiver of an autopilot.
@@ -68,6 +65,15 @@ keys! {
         range_deg_s: f64 = 2000.0, 1.0..=100_000.0, unit "°/s";
         /// Scale of the magnetometer. 0 ignores the magnetometer.
         field_unit_ut: f64 = 0.1, FIELD_UNIT_UT, unit "µT per unit";
+    }
+}
+
+keys! {
+    /// Scales of an Xsens MTi.
+    #[derive(Copy)]
+    pub struct Xsens {
+        /// Scale of the magnetometer.
+        field_unit_ut: f64 = 49.0, FIELD_UNIT_UT, unit "µT per unit";
     }
 }
 
@@ -142,7 +148,7 @@ impl Format {
             Self::Csv(_) => "csv",
             Self::Protobuf => "protobuf",
             Self::WitMotion(_) => "witmotion",
-            Self::Xsens { .. } => "xsens",
+            Self::Xsens(_) => "xsens",
             Self::Rvc => "rvc",
             Self::Mavlink(_) => "mavlink",
         }
@@ -160,7 +166,7 @@ impl Format {
             Self::default(),
             Self::Protobuf,
             Self::WitMotion(WitMotion::default()),
-            Self::Xsens { field_unit_ut: 49.0 },
+            Self::Xsens(Xsens::default()),
             Self::Rvc,
             Self::Mavlink(Autopilot::default()),
         ]
@@ -175,10 +181,7 @@ impl Format {
                 check_columns(section, columns);
             }
             Self::WitMotion(scales) => scales.read_keys(section),
-            Self::Xsens { field_unit_ut } => read!(section, {
-                /// Scale of the magnetometer.
-                field_unit_ut: FIELD_UNIT_UT => field_unit_ut, unit "µT per unit";
-            }),
+            Self::Xsens(scales) => scales.read_keys(section),
             Self::Mavlink(autopilot) => autopilot.read_keys(section),
             Self::Protobuf | Self::Rvc => {}
         }

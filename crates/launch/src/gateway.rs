@@ -8,7 +8,7 @@ use toml::de::DeValue;
 
 use crate::{
     description::Key,
-    endpoint::{self, MAX_ENDPOINTS},
+    endpoint::{self, LOOPBACK, MAX_ENDPOINTS, MAX_TUNNELS},
     keys::keys,
     kind::{By, File, Optional, SYSTEM_NAME, Table, Texts},
     split,
@@ -23,7 +23,7 @@ keys! {
         /// Endpoints to listen on. `tcp/HOST:PORT` is unencrypted and read-only, and is allowed on
         /// the loopback and in a `tunnel`. `quic/HOST:PORT` needs `tls` and `access`. If a port on
         /// the loopback is in use, the next free one is used.
-        listen: Vec<String> = vec!["tcp/127.0.0.1:7447".into()], Texts::<MAX_ENDPOINTS>;
+        listen: Vec<String> = vec![LOOPBACK.into()], Texts::<MAX_ENDPOINTS>;
         /// Endpoints of routers and stations to connect to.
         connect: Vec<String> = Vec::new(), Texts::<MAX_ENDPOINTS>, example r#"["quic/station.example:7447"]"#;
         /// Maximum message rate of a topic. Several samples of a faster topic are combined into one
@@ -44,6 +44,8 @@ keys! {
         /// File with Zenoh's `access_control` settings, which define the permissions of each
         /// client. Remote commands need a certificate, `plumb swap` on board does not.
         access: Option<PathBuf> = None, Optional(File), example r#""access.json5""#;
+        /// Networks of encrypted tunnels such as WireGuard, where tcp/HOST:PORT is also allowed.
+        tunnel: Vec<String> = Vec::new(), Texts::<MAX_TUNNELS>, example r#"["10.9.0.0/24"]"#;
     }
 }
 

@@ -10,7 +10,7 @@ use crate::{
     fault::{self, Fault},
     keys::{Kind, choices, keys},
     kind::{By, File, FileOr, Flag, Inline, NATURAL, Optional, Table, choice, one_of},
-    live_sources::{DEFAULT_RATE_HZ, LiveSources, Port, PortSource, RATE_RANGE_HZ, Stream},
+    live_sources::{DEFAULT_RATE_HZ, LiveSources, Port, RATE_RANGE_HZ, Stream},
     problem::Problem,
     sensors::{self, Calibrations, GyroSamples, IDENTITY},
     toml_reader::Section,
@@ -222,17 +222,26 @@ impl Ingest {
     /// Returns the stream settings of the source, or `None` if the source has no stream.
     pub fn stream(&self) -> Option<&Stream> {
         match self.source {
+            Source::Stdin => Some(&self.live.stdin.stream),
+            Source::Udp => Some(&self.live.udp.stream),
+            Source::Tcp => Some(&self.live.tcp.stream),
+            Source::Serial => Some(&self.live.serial.stream),
+            Source::Mavlink => Some(&self.live.mavlink.stream),
             Source::Iio => Some(&self.live.iio.stream),
-            _ => self.port_source().map(|ported| &ported.stream),
+            Source::Sim | Source::Replay | Source::Bus => None,
         }
     }
 
     /// Returns the port of the source, or `None` if the source has no port or the port is not set.
-    pub fn port(&self) -> Option<&Port> {
-        self.port_source()?
-            .port
-            .as_ref()
-            .filter(|port| !matches!(port, Port::Serial { path, .. } if path.as_os_str().is_empty()))
+    pub fn port(&self) -> Option<Port> {
+        match self.source {
+            Source::Stdin => Some(Port::Stdin),
+            Source::Udp => Some(Port::Udp(self.live.udp.listen.clone())),
+            Source::Tcp => self.live.tcp.port(),
+            Source::Serial => self.live.serial.port(),
+            Source::Mavlink => self.live.mavlink.endpoint.clone(),
+            Source::Sim | Source::Replay | Source::Bus | Source::Iio => None,
+        }
     }
 
     /// Returns the sample rate in Hz that is declared for the source, or `None` if none is
@@ -250,17 +259,6 @@ impl Ingest {
     /// 1000 Hz.
     pub fn nominal_rate_hz(&self) -> f64 {
         self.declared_rate_hz().unwrap_or(DEFAULT_RATE_HZ)
-    }
-
-    fn port_source(&self) -> Option<&PortSource> {
-        match self.source {
-            Source::Stdin => Some(&self.live.stdin),
-            Source::Udp => Some(&self.live.udp),
-            Source::Tcp => Some(&self.live.tcp),
-            Source::Serial => Some(&self.live.serial),
-            Source::Mavlink => Some(&self.live.mavlink),
-            Source::Sim | Source::Replay | Source::Bus | Source::Iio => None,
-        }
     }
 }
 

@@ -2,7 +2,6 @@
 //!
 //! [`keys!`] declares a section: one row per key with documentation, name, type, default and
 //! allowed values. [`choices!`] declares the values of a key that has a fixed set of names.
-//! [`read!`] reads keys that are not fields of a section's struct.
 //!
 //! The struct, its `Default`, the reader with its checks, the comments of `launch.toml` and the
 //! reference chapter are generated from these rows.
@@ -15,7 +14,7 @@ pub(crate) trait Kind<T> {
     fn read(&self, section: &mut Section<'_, '_>, key: Key, out: &mut T);
 }
 
-/// Evaluates to the [`Key`](crate::description::Key) of a row.
+/// Evaluates to the [`Key`](crate::description::Key) of a row, from its documentation and name.
 macro_rules! key {
     ($($doc:literal)+, $name:expr $(, unit $unit:literal)? $(, example $example:literal)?) => {
         $crate::description::Key {
@@ -164,21 +163,4 @@ pub(crate) trait Named: Sized + 'static {
     const DOCS: &'static [&'static str];
 }
 
-/// Reads keys that are not fields of a section's struct.
-///
-/// A row is `/// Meaning.` `key: kind => place;`. The default is the current value of `place`.
-macro_rules! read {
-    ($section:expr, {
-        $(
-            $(#[doc = $doc:literal])+
-            $name:ident: $kind:expr => $place:expr $(, unit $unit:literal)? $(, example $example:literal)?;
-        )+
-    }) => {{
-        $(
-            let key = $crate::keys::key!($($doc)+, stringify!($name) $(, unit $unit)? $(, example $example)?);
-            $crate::keys::Kind::read(&$kind, $section, key, $place);
-        )+
-    }};
-}
-
-pub(crate) use {choices, key, key_name, keys, read};
+pub(crate) use {choices, key, key_name, keys};

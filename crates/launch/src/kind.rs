@@ -308,6 +308,15 @@ impl<T> Kind<T> for Inline<T> {
     }
 }
 
+/// Field that no key sets. The function returns its value.
+pub(crate) struct NoKey<T>(pub(crate) fn(&Section<'_, '_>) -> T);
+
+impl<T> Kind<T> for NoKey<T> {
+    fn read(&self, section: &mut Section<'_, '_>, _: Key, out: &mut T) {
+        *out = (self.0)(section);
+    }
+}
+
 /// Key that the function reads, because its allowed values depend on other keys.
 pub(crate) struct By<T>(pub(crate) fn(&mut Section<'_, '_>, Key, &mut T));
 

@@ -70,11 +70,12 @@ pub use edit::{EditError, write_sections};
 pub use effective::effective_text;
 pub use external_stage::ExternalStage;
 pub use fault::{Fault, FaultKind, MAX_DELAYED_READINGS, MAX_FAULTS, Sensor};
-pub use format::{Autopilot, Columns, FixMessage, Format, ImuMessage, ReceiverFormat, WitMotion};
+pub use format::{Autopilot, Columns, FixMessage, Format, ImuMessage, ReceiverFormat, WitMotion, Xsens};
 pub use gateway::{Gateway, Import, Tls, TopicRate};
 pub use ingest::{BusSource, Gnss, Ingest, Limits, Replay, Sim, Source};
 pub use live_sources::{
-    Clock, DEFAULT_BAUD, DEFAULT_RATE_HZ, IioDevice, LiveSources, Port, PortSource, ReceiverSource, Stream,
+    Clock, DEFAULT_RATE_HZ, IioDevice, LiveSources, MavlinkSource, Port, ReceiverSource, SerialLine, SerialSource,
+    StdinSource, Stream, TcpSource, UdpSource,
 };
 pub use model::{Launch, OnLimit, Restart, StateFile};
 pub use north::{Date, MODEL_YEARS, NorthReference, Position};

@@ -7,7 +7,7 @@ use serde::{Deserialize, Serialize};
 use crate::{
     description::Key,
     format::{Autopilot, Format, ReceiverFormat, stream_format},
-    keys::{Kind, choices, keys, read},
+    keys::{Kind, choices, keys},
     kind::{By, Inline, Optional, Table, Text, choice, text},
     sensors::GyroSamples,
     toml_reader::Section,
@@ -17,10 +17,6 @@ use crate::{
 pub(crate) const RATE_RANGE_HZ: RangeInclusive<f64> = 1.0..=10_000.0;
 /// Sample rate for which buffers are made if none is set, Hz.
 pub const DEFAULT_RATE_HZ: f64 = 1000.0;
-/// Allowed baud rates of a serial line, bit/s.
-const BAUD_RANGE: RangeInclusive<u64> = 50..=20_000_000;
-/// Baud rate of a serial line if none is set, bit/s.
-pub const DEFAULT_BAUD: u64 = 115_200;
 
 keys! {
     /// Settings of a stream of readings, independent of its port.
@@ -62,27 +58,82 @@ pub enum Port {
     Serial {
         /// Path of the device file.
         path: PathBuf,
-        /// Baud rate, bit/s.
-        baud: u64,
+        /// Settings of the line.
+        line: SerialLine,
     },
 }
 
-/// Source that is read from a port.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-pub struct PortSource {
-    /// Port, or `None` if not set.
-    pub port: Option<Port>,
-    /// Settings of the stream.
-    pub stream: Stream,
+keys! {
+    /// Source on standard input.
+    pub struct StdinSource {
+        /// Settings of the stream.
+        stream: Stream = Stream { clock: Clock::Device, ..Stream::default() }, Inline(Stream::read_keys);
+    }
+}
+
+keys! {
+    /// Source that sends UDP datagrams.
+    pub struct UdpSource {
+        /// Local address. 0.0.0.0 accepts datagrams from any host.
+        listen: String = "127.0.0.1:14560".into(),
+            text(r#"an address and a port, such as "0.0.0.0:14560""#, parse_listen_address);
+        /// Settings of the stream.
+        stream: Stream = Stream::default(), Inline(Stream::read_keys);
+    }
+}
+
+keys! {
+    /// Source on a TCP connection.
+    pub struct TcpSource {
+        /// Host to connect to.
+        connect: String = String::new(),
+            text(r#"a host and a port, such as "192.168.1.7:5555""#, parse_remote_address),
+            example r#""192.168.1.7:5555""#;
+        /// Settings of the stream.
+        stream: Stream = Stream::default(), Inline(Stream::read_keys);
+    }
+}
+
+keys! {
+    /// Source on a serial line.
+    pub struct SerialSource {
+        /// Device file.
+        port: PathBuf = PathBuf::new(), path(r#"a device file, such as "/dev/ttyUSB0""#),
+            example r#""/dev/ttyUSB0""#;
+        /// Settings of the line.
+        line: SerialLine = SerialLine::default(), Inline(SerialLine::read_keys);
+        /// Settings of the stream.
+        stream: Stream = Stream::default(), Inline(Stream::read_keys);
+    }
+}
+
+keys! {
+    /// Settings of a serial line, with 8 data bits, no parity, 1 stop bit and no flow control.
+    #[derive(Copy, Eq)]
+    pub struct SerialLine {
+        /// Baud rate, with 8 data bits, no parity, 1 stop bit and no flow control.
+        baud: u64 = 115_200, 50..=20_000_000, unit "bit/s";
+    }
+}
+
+keys! {
+    /// IMU and receiver of an autopilot.
+    pub struct MavlinkSource {
+        /// Port of the autopilot.
+        endpoint: Option<Port> = Some(Port::Udp("127.0.0.1:14540".into())), By(endpoint);
+        /// Settings of the stream.
+        stream: Stream = Stream { format: Format::Mavlink(Autopilot::default()), ..Stream::default() },
+            Inline(Stream::read_keys);
+    }
 }
 
 keys! {
     /// Device of Linux industrial I/O.
     pub struct IioDevice {
         /// Folder of the devices in sysfs.
-        root: PathBuf = "/sys/bus/iio/devices".into(), FOLDER;
+        root: PathBuf = "/sys/bus/iio/devices".into(), path("a folder");
         /// Folder of the character devices.
-        dev: PathBuf = "/dev".into(), FOLDER;
+        dev: PathBuf = "/dev".into(), path("a folder");
         /// Name of the device, from the file `name` in its folder, or name of its folder.
         device: String = String::new(), text(r#"the name of a device, such as "bmi160""#, device_name),
             example r#""bmi160""#;
@@ -95,11 +146,15 @@ keys! {
     }
 }
 
-const FOLDER: Text<PathBuf> = Text {
-    expected: "a folder",
-    parse: |text| (!text.is_empty()).then(|| text.into()),
-    show: |folder| Some(folder.to_string_lossy().into_owned()),
-};
+/// Returns the kind of a key that takes an absolute path. An empty default stands for a key that is
+/// not set.
+const fn path(expected: &'static str) -> Text<PathBuf> {
+    Text {
+        expected,
+        parse: |text| (!text.is_empty()).then(|| text.into()),
+        show: |path| Some(path.to_string_lossy().into_owned()).filter(|path| !path.is_empty()),
+    }
+}
 
 fn device_name(text: &str) -> Option<String> {
     (!text.is_empty() && !text.contains('/')).then(|| text.to_owned())
@@ -121,22 +176,15 @@ keys! {
     pub struct LiveSources {
         /// Source on standard input, as in `PROGRAM | plumb up --source stdin`. No reading is lost
         /// at any speed, and the run ends with the input.
-        stdin: PortSource = PortSource {
-            port: Some(Port::Stdin),
-            stream: Stream { clock: Clock::Device, ..Stream::default() },
-        }, Table(|source: &mut PortSource, section| source.stream.read_keys(section));
+        stdin: StdinSource = StdinSource::default(), Table(StdinSource::read_keys);
         /// Source sending UDP datagrams. Each datagram contains whole lines or messages.
-        udp: PortSource = PortSource::new(loopback(14_560)), Table(udp);
+        udp: UdpSource = UdpSource::default(), Table(UdpSource::read_keys);
         /// Source on a TCP connection, which is opened again after a loss.
-        tcp: PortSource = PortSource::new(None), Table(tcp);
+        tcp: TcpSource = TcpSource::default(), Table(TcpSource::read_keys);
         /// Source on a serial line, which is opened again after a disconnection.
-        serial: PortSource = PortSource::new(Some(Port::Serial { path: PathBuf::new(), baud: DEFAULT_BAUD })),
-            Table(serial);
+        serial: SerialSource = SerialSource::default(), Table(SerialSource::read_keys);
         /// IMU and receiver of an autopilot that speaks MAVLink. The autopilot is only read.
-        mavlink: PortSource = PortSource {
-            port: loopback(14_540),
-            stream: Stream { format: Format::Mavlink(Autopilot::default()), ..Stream::default() },
-        }, Table(mavlink);
+        mavlink: MavlinkSource = MavlinkSource::default(), Table(MavlinkSource::read_keys);
         /// Device of Linux industrial I/O. The device's sample rate is set to the one nearest to
         /// rate_hz, or to 100 Hz.
         iio: IioDevice = IioDevice::default(), Table(IioDevice::read_keys);
@@ -146,94 +194,39 @@ keys! {
     }
 }
 
-impl PortSource {
-    /// Creates a source of CSV lines.
-    fn new(port: Option<Port>) -> Self {
-        Self { port, stream: Stream::default() }
+impl TcpSource {
+    /// Returns the port, or `None` if the host is not set.
+    pub(crate) fn port(&self) -> Option<Port> {
+        (!self.connect.is_empty()).then(|| Port::Tcp(self.connect.clone()))
     }
 }
 
-fn loopback(port: u16) -> Option<Port> {
-    Some(Port::Udp(format!("127.0.0.1:{port}")))
-}
-
-fn udp(out: &mut PortSource, section: &mut Section<'_, '_>) {
-    read!(section, {
-        /// Local address. 0.0.0.0 accepts datagrams from any host.
-        listen: Text {
-            expected: r#"an address and a port, such as "0.0.0.0:14560""#,
-            parse: |text| parse_listen_address(text).map(Port::Udp).map(Some),
-            show: address,
-        } => &mut out.port;
-    });
-    out.stream.read_keys(section);
-}
-
-fn tcp(out: &mut PortSource, section: &mut Section<'_, '_>) {
-    read!(section, {
-        /// Host to connect to.
-        connect: Text {
-            expected: r#"a host and a port, such as "192.168.1.7:5555""#,
-            parse: |text| parse_remote_address(text).map(Port::Tcp).map(Some),
-            show: address,
-        } => &mut out.port, example r#""192.168.1.7:5555""#;
-    });
-    out.stream.read_keys(section);
-}
-
-fn serial(out: &mut PortSource, section: &mut Section<'_, '_>) {
-    if let Some(Port::Serial { path, baud }) = &mut out.port {
-        read!(section, {
-            /// Device file.
-            port: Text {
-                expected: r#"a device file, such as "/dev/ttyUSB0""#,
-                parse: |text| (!text.is_empty()).then(|| text.into()),
-                show: |_| None,
-            } => path, example r#""/dev/ttyUSB0""#;
-        });
-        read_baud(section, baud);
+impl SerialSource {
+    /// Returns the port, or `None` if the device file is not set.
+    pub(crate) fn port(&self) -> Option<Port> {
+        let (path, line) = (self.port.clone(), self.line);
+        (!path.as_os_str().is_empty()).then_some(Port::Serial { path, line })
     }
-    out.stream.read_keys(section);
 }
 
-fn mavlink(out: &mut PortSource, section: &mut Section<'_, '_>) {
-    read!(section, {
-        /// Port of the autopilot.
-        endpoint: By(endpoint) => &mut out.port;
-    });
-    out.stream.read_keys(section);
-}
-
-fn read_baud(section: &mut Section<'_, '_>, baud: &mut u64) {
-    read!(section, {
-        /// Baud rate, with 8 data bits, no parity, 1 stop bit and no flow control.
-        baud: BAUD_RANGE => baud, unit "bit/s";
-    });
-}
-
-/// Reads an endpoint, and the baud rate of a serial line.
+/// Reads an endpoint, and the settings of a serial line.
 fn endpoint(section: &mut Section<'_, '_>, key: Key, out: &mut Option<Port>) {
     let kind = Text {
         expected: r#""udpin:127.0.0.1:14540", "tcp:HOST:PORT" or "serial:/dev/ttyACM0""#,
         parse: |text| Port::parse(text).map(Some),
-        show: |port| Some(format!("udpin:{}", address(port)?)),
+        show: |port| match port {
+            Some(Port::Udp(address)) => Some(format!("udpin:{address}")),
+            Some(Port::Stdin | Port::Tcp(_) | Port::Serial { .. }) | None => None,
+        },
     };
     kind.read(section, key, out);
-    let serial = Port::Serial { path: PathBuf::new(), baud: DEFAULT_BAUD };
+    let serial = Port::Serial { path: PathBuf::new(), line: SerialLine::default() };
     let all = [("serial:/dev/ttyACM0", Some(serial))];
     section.variants(key.name, out, all, |section, port| {
-        if let Some(Port::Serial { baud, .. }) = port {
-            read_baud(section, baud);
+        if let Some(Port::Serial { line, .. }) = port {
+            line.read_keys(section);
         }
     });
-}
-
-/// Returns the address of a network port.
-fn address(port: &Option<Port>) -> Option<String> {
-    match port {
-        Some(Port::Udp(address) | Port::Tcp(address)) => Some(address.clone()),
-        Some(Port::Stdin | Port::Serial { .. }) | None => None,
-    }
 }
 
 impl fmt::Display for Port {
@@ -254,7 +247,10 @@ impl Port {
         match kind {
             "udpin" => parse_listen_address(address).map(Self::Udp),
             "tcp" => parse_remote_address(address).map(Self::Tcp),
-            "serial" if !address.is_empty() => Some(Self::Serial { path: address.into(), baud: DEFAULT_BAUD }),
+            "serial" if !address.is_empty() => {
+                let (path, line) = (address.into(), SerialLine::default());
+                Some(Self::Serial { path, line })
+            }
             _ => None,
         }
     }

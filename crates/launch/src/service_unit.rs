@@ -39,9 +39,9 @@ impl Launch {
         let mut access = Access::default();
         let ingest = &self.ingest;
         if self.services.contains(&Service::Drivers) {
-            let receiver = ingest.live.receiver.port.as_ref();
+            let receiver = ingest.live.receiver.port.clone();
             let ports = [ingest.port(), receiver.filter(|_| !ingest.source.is_repeatable())];
-            ports.into_iter().flatten().try_for_each(|port| access.permit_port(port))?;
+            ports.into_iter().flatten().try_for_each(|port| access.permit_port(&port))?;
             access.uses_iio = ingest.source == Source::Iio;
         }
         if self.services.contains(&Service::Gateway) {

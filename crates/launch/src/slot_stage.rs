@@ -15,8 +15,8 @@ use toml::de::DeValue;
 use crate::{
     ExternalStage, Slot, StageConfig,
     description::Key,
-    keys::{Kind, read},
-    kind::{By, one_of},
+    keys::{Kind, key},
+    kind::one_of,
     toml_reader::{Section, Values},
 };
 
@@ -25,13 +25,14 @@ pub(crate) const DEFAULT_RULE_SLOT: Slot = Slot::Fuser;
 
 /// Reads the keys of a slot's stage.
 pub(crate) fn read_keys(config: &mut StageConfig, section: &mut Section<'_, '_>) {
-    read!(section, {
-        /// Name of a built-in stage, or of a user-defined one in `[stages.NAME]`. `plumb stage
-        /// list` shows all stages and their parameters.
-        stage: By(stage_name) => &mut config.stage, example r#""aided""#;
-        /// Parameters that differ from their defaults, by name.
-        set: By(stage_parameters) => &mut config.set;
-    });
+    let stage = key!(
+        "Name of a built-in stage, or of a user-defined one in `[stages.NAME]`. `plumb stage list` shows all stages \
+         and their parameters.",
+        "stage",
+        example r#""aided""#
+    );
+    stage_name(section, stage, &mut config.stage);
+    stage_parameters(section, key!("Parameters that differ from their defaults, by name.", "set"), &mut config.set);
 }
 
 /// Checks that the slot has a stage of this name, built-in or external.

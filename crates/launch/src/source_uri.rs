@@ -217,7 +217,7 @@ mod tests {
         let mut launch = Launch::parse("launch.toml", text).unwrap();
         launch.set_source("udp?rate_hz=50").unwrap();
         let udp = &launch.ingest.live.udp;
-        assert_eq!(udp.port, Some(Port::Udp("0.0.0.0:7".into())));
+        assert_eq!(udp.listen, "0.0.0.0:7");
         assert_eq!((udp.stream.clock, udp.stream.rate_hz), (Clock::Device, Some(50.0)));
         assert_eq!(udp.stream.gyro_samples, GyroSamples::Instants);
     }

@@ -228,20 +228,17 @@ impl CommandTarget for SupervisorClient {
 /// /dev/ttyUSB0`.
 fn source_label(launch: &Launch) -> String {
     let ingest = &launch.ingest;
-    let with_port =
-        |kind: &str, port: Option<&launch::Port>| port.map_or_else(|| kind.into(), |port| format!("{kind} {port}"));
+    let kind = ingest.source.name();
     match ingest.source {
-        LaunchSource::Sim => format!("sim {}", ingest.sim.scenario),
+        LaunchSource::Sim => format!("{kind} {}", ingest.sim.scenario),
         LaunchSource::Replay => {
             let name = ingest.replay.file.file_name().map_or_else(String::new, |name| name.to_string_lossy().into());
-            format!("replay {name}")
+            format!("{kind} {name}")
         }
-        LaunchSource::Bus => "bus".into(),
-        LaunchSource::Stdin => "stdin".into(),
-        LaunchSource::Udp => with_port("udp", ingest.live.udp.port.as_ref()),
-        LaunchSource::Tcp => with_port("tcp", ingest.live.tcp.port.as_ref()),
-        LaunchSource::Serial => with_port("serial", ingest.live.serial.port.as_ref()),
-        LaunchSource::Mavlink => with_port("mavlink", ingest.live.mavlink.port.as_ref()),
-        LaunchSource::Iio => format!("iio {}", ingest.live.iio.device),
+        LaunchSource::Bus | LaunchSource::Stdin => kind.into(),
+        LaunchSource::Udp | LaunchSource::Tcp | LaunchSource::Serial | LaunchSource::Mavlink => {
+            ingest.port().map_or_else(|| kind.into(), |port| format!("{kind} {port}"))
+        }
+        LaunchSource::Iio => format!("{kind} {}", ingest.live.iio.device),
     }
 }

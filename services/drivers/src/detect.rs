@@ -15,7 +15,7 @@ use std::{
 };
 
 use decoders::{Decoder, DeviceTime, Measurement, Value};
-use launch::{Format, Port, ReceiverFormat};
+use launch::{Format, Port, ReceiverFormat, SerialLine};
 
 use crate::{
     format,
@@ -142,7 +142,7 @@ pub fn detect(path: &Path) -> PortFinding {
 fn listen_at_all_rates(path: &Path) -> Finding {
     let mut fallback = None;
     for baud in BAUD_RATES {
-        let port = Port::Serial { path: path.into(), baud };
+        let port = Port::Serial { path: path.into(), line: SerialLine { baud } };
         let chunks = match listen(&port) {
             Ok(chunks) => chunks,
             Err(error) => return Finding::Failed { cause: error.to_string(), remedy: remedy(&port, &error) },
@@ -197,7 +197,7 @@ struct Candidate {
 fn candidates() -> Vec<Candidate> {
     let formats = [
         Format::WitMotion(launch::WitMotion::default()),
-        Format::Xsens { field_unit_ut: 0.0 },
+        Format::Xsens(launch::Xsens { field_unit_ut: 0.0 }),
         Format::Rvc,
         Format::Mavlink(launch::Autopilot::default()),
         Format::Csv(launch::Columns::default()),
@@ -285,7 +285,7 @@ fn describe(
         sensors.push("satellite receiver");
     }
     let mut keys = vec![format!("format={format}")];
-    if baud != launch::DEFAULT_BAUD || format == "rvc" {
+    if baud != SerialLine::default().baud || format == "rvc" {
         keys.push(format!("baud={baud}"));
     }
     let (mut notes, mut force) = (Vec::new(), mean_force(&required));

@@ -24,7 +24,7 @@ pub(crate) fn decoder(format: &Format) -> Result<Box<dyn Decoder>, DriversError>
             let field_ut = Some(*field_unit_ut).filter(|unit_ut| *unit_ut > 0.0);
             Box::new(Framed::new(WitMotion::new(Ranges { force_g: *range_g, rate_deg_s: *range_deg_s, field_ut })))
         }
-        Format::Xsens { field_unit_ut } => Box::new(Framed::new(Xsens::new(*field_unit_ut))),
+        Format::Xsens(scales) => Box::new(Framed::new(Xsens::new(scales.field_unit_ut))),
         Format::Rvc => Box::new(Framed::new(Rvc::default())),
         Format::Mavlink(autopilot) => Box::new(Framed::new(Mavlink::new(mavlink_settings(autopilot)))),
     })

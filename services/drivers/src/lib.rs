@@ -170,5 +170,5 @@ fn source(ingest: &Ingest, context: &ServiceContext) -> Result<Option<Box<dyn In
     let name = format.name();
     let origin = StreamOrigin { is_resumed: context.config.resume.is_some(), stdin: StdinDescriptor::Passed };
     let make_decoder = Box::new(move || format::decoder(&format));
-    Ok(Some(Box::new(DeviceStream::open(port.clone(), name, origin, preamble, make_decoder)?)))
+    Ok(Some(Box::new(DeviceStream::open(port, name, origin, preamble, make_decoder)?)))
 }

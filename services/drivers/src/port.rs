@@ -76,7 +76,7 @@ impl OpenPort {
                 Ok(Self::Udp(DatagramPort { drops: DropCounter::new(&socket)?, socket }))
             }
             Port::Tcp(address) => connect(address).map(Self::Tcp),
-            Port::Serial { path, baud } => open_serial(path, *baud).map(Self::Serial),
+            Port::Serial { path, line } => open_serial(path, line.baud).map(Self::Serial),
         }
     }
 

@@ -139,7 +139,7 @@ fn header(plan: &Plan) -> String {
         Source::Bus => "sensors on the bus".into(),
         Source::Iio => launch.ingest.live.iio.device.clone(),
         Source::Stdin | Source::Udp | Source::Tcp | Source::Serial | Source::Mavlink => {
-            launch.ingest.port().map_or_else(String::new, ToString::to_string)
+            launch.ingest.port().map_or_else(String::new, |port| port.to_string())
         }
     };
     let pace = match plan.config.pace {
