@@ -678,8 +678,8 @@ PlumblineStatus plumbline_ahrs_init(const struct PlumblineBuilder *builder,
  Processes a sample of all sensors.
 
  `gyro_rad_s`: body rate, 3 numbers, rad/s. `accel_m_s2`: specific force, 3 numbers, m/s^2.
- `field_ut`: magnetic field, 3 numbers, microtesla, or null without a new sample. `dt_s`: time
- since the previous sample, s; a value that is 0, negative or not finite marks a late or
+ `field_ut`: magnetic field, 3 numbers, microtesla, or null for the newest field that
+ plumbline_ahrs_update_mag() has stored since the previous sample, if any. `dt_s`: time since the previous sample, s; a value that is 0, negative or not finite marks a late or
  repeated sample. `attitude`: receives the attitude after the sample in the native frame, or is
  null. A missing value is NaN. If the sample is rejected, the attitude is unchanged.
  */
@@ -702,26 +702,6 @@ PlumblineStatus plumbline_ahrs_update_at(struct PlumblineAhrs *ahrs,
                                          const double *field_ut,
                                          int64_t t_ns,
                                          struct PlumblineAttitude *attitude);
-
-/*
- Processes a gyro and accelerometer sample. The newest magnetic field and the newest fix stored
- since the previous sample take effect. The arguments are those of plumbline_ahrs_update().
- */
-PlumblineStatus plumbline_ahrs_update_imu(struct PlumblineAhrs *ahrs,
-                                          const double *gyro_rad_s,
-                                          const double *accel_m_s2,
-                                          double dt_s,
-                                          struct PlumblineAttitude *attitude);
-
-/*
- Processes a timestamped gyro and accelerometer sample. The arguments are those of
- plumbline_ahrs_update_at().
- */
-PlumblineStatus plumbline_ahrs_update_imu_at(struct PlumblineAhrs *ahrs,
-                                             const double *gyro_rad_s,
-                                             const double *accel_m_s2,
-                                             int64_t t_ns,
-                                             struct PlumblineAttitude *attitude);
 
 /*
  Stores a magnetometer sample, 3 numbers, microtesla. It takes effect with the next gyro and

@@ -104,7 +104,7 @@ impl PlumblineBuilder {
         Self { builder: AhrsBuilder::new().fuser(Fuser::MultipleModel(MultipleModel::default())) }
     }
 
-    /// Applies a change. If the change fails, the builder remains unchanged.
+    /// Applies a change. If it fails, the builder is unchanged.
     fn change(
         &mut self,
         change: impl FnOnce(AhrsBuilder<Fuser>) -> Result<AhrsBuilder<Fuser>, BuildError>,
@@ -154,6 +154,19 @@ fn slot_of(slot: u32) -> Result<Slot, PlumblineStatus> {
     Slot::ALL.get(slot as usize).copied().ok_or_else(|| unknown_constant("slot", slot))
 }
 
+/// Applies a change to a builder. If it fails, the builder is unchanged.
+///
+/// # Safety
+///
+/// `builder` is null or a builder.
+unsafe fn change(
+    builder: *mut PlumblineBuilder,
+    change: impl FnOnce(AhrsBuilder<Fuser>) -> Result<AhrsBuilder<Fuser>, BuildError>,
+) -> PlumblineStatus {
+    // SAFETY: required of the caller.
+    PlumblineStatus::of(unsafe { exclusive(builder, "builder") }.and_then(|builder| builder.change(change)))
+}
+
 /// Creates a builder for ideal sensors and the default stages. Returns null if memory is exhausted.
 ///
 /// Free the builder with plumbline_builder_free().
@@ -184,8 +197,7 @@ pub unsafe extern "C" fn plumbline_builder_sample_rate_hz(
     rate_hz: f64,
 ) -> PlumblineStatus {
     // SAFETY: required of the caller.
-    let builder = unsafe { exclusive(builder, "builder") };
-    PlumblineStatus::of(builder.and_then(|builder| builder.change(|to| to.sample_rate_hz(rate_hz))))
+    unsafe { change(builder, |builder| builder.sample_rate_hz(rate_hz)) }
 }
 
 /// Sets the range of the gyro, 1 to 100000 degrees per second; default 2000.
@@ -199,8 +211,7 @@ pub unsafe extern "C" fn plumbline_builder_gyro_range_deg_s(
     range_deg_s: f64,
 ) -> PlumblineStatus {
     // SAFETY: required of the caller.
-    let builder = unsafe { exclusive(builder, "builder") };
-    PlumblineStatus::of(builder.and_then(|builder| builder.change(|to| to.gyro_range_deg_s(range_deg_s))))
+    unsafe { change(builder, |builder| builder.gyro_range_deg_s(range_deg_s)) }
 }
 
 /// Sets the range of the accelerometer, 0.1 to 10000 g; default 16.
@@ -214,8 +225,7 @@ pub unsafe extern "C" fn plumbline_builder_accel_range_g(
     range_g: f64,
 ) -> PlumblineStatus {
     // SAFETY: required of the caller.
-    let builder = unsafe { exclusive(builder, "builder") };
-    PlumblineStatus::of(builder.and_then(|builder| builder.change(|to| to.accel_range_g(range_g))))
+    unsafe { change(builder, |builder| builder.accel_range_g(range_g)) }
 }
 
 /// Sets the range of the magnetometer, 1 to 1000000 microtesla; default 2000.
@@ -229,8 +239,7 @@ pub unsafe extern "C" fn plumbline_builder_mag_range_ut(
     range_ut: f64,
 ) -> PlumblineStatus {
     // SAFETY: required of the caller.
-    let builder = unsafe { exclusive(builder, "builder") };
-    PlumblineStatus::of(builder.and_then(|builder| builder.change(|to| to.mag_range_ut(range_ut))))
+    unsafe { change(builder, |builder| builder.mag_range_ut(range_ut)) }
 }
 
 /// Sets the interval between samples above which a gap is flagged, 0.001 to 10 s; default 0.1.
@@ -241,8 +250,7 @@ pub unsafe extern "C" fn plumbline_builder_mag_range_ut(
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn plumbline_builder_gap_s(builder: *mut PlumblineBuilder, gap_s: f64) -> PlumblineStatus {
     // SAFETY: required of the caller.
-    let builder = unsafe { exclusive(builder, "builder") };
-    PlumblineStatus::of(builder.and_then(|builder| builder.change(|to| to.gap_s(gap_s))))
+    unsafe { change(builder, |builder| builder.gap_s(gap_s)) }
 }
 
 /// Sets the time after which a sensor that repeats its value counts as frozen, 0.01 to 60 s;
@@ -257,8 +265,7 @@ pub unsafe extern "C" fn plumbline_builder_frozen_after_s(
     frozen_s: f64,
 ) -> PlumblineStatus {
     // SAFETY: required of the caller.
-    let builder = unsafe { exclusive(builder, "builder") };
-    PlumblineStatus::of(builder.and_then(|builder| builder.change(|to| to.frozen_after_s(frozen_s))))
+    unsafe { change(builder, |builder| builder.frozen_after_s(frozen_s)) }
 }
 
 /// Sets the magnetic declination, -180 to 180 degrees, east positive; default 0. It converts a
@@ -273,8 +280,7 @@ pub unsafe extern "C" fn plumbline_builder_declination_deg(
     declination_deg: f64,
 ) -> PlumblineStatus {
     // SAFETY: required of the caller.
-    let builder = unsafe { exclusive(builder, "builder") };
-    PlumblineStatus::of(builder.and_then(|builder| builder.change(|to| to.declination_deg(declination_deg))))
+    unsafe { change(builder, |builder| builder.declination_deg(declination_deg)) }
 }
 
 /// Sets whether a gyro sample is the mean over the interval before it or the value at its end.

@@ -134,8 +134,8 @@ pub unsafe extern "C" fn plumbline_ahrs_init(
 /// Processes a sample of all sensors.
 ///
 /// `gyro_rad_s`: body rate, 3 numbers, rad/s. `accel_m_s2`: specific force, 3 numbers, m/s^2.
-/// `field_ut`: magnetic field, 3 numbers, microtesla, or null without a new sample. `dt_s`: time
-/// since the previous sample, s; a value that is 0, negative or not finite marks a late or
+/// `field_ut`: magnetic field, 3 numbers, microtesla, or null for the newest field that
+/// plumbline_ahrs_update_mag() has stored since the previous sample, if any. `dt_s`: time since the previous sample, s; a value that is 0, negative or not finite marks a late or
 /// repeated sample. `attitude`: receives the attitude after the sample in the native frame, or is
 /// null. A missing value is NaN. If the sample is rejected, the attitude is unchanged.
 ///
@@ -174,42 +174,6 @@ pub unsafe extern "C" fn plumbline_ahrs_update_at(
 ) -> PlumblineStatus {
     // SAFETY: required of the caller.
     unsafe { update(ahrs, gyro_rad_s, accel_m_s2, field_ut, Time::Stamp(t_ns), attitude) }
-}
-
-/// Processes a gyro and accelerometer sample. The newest magnetic field and the newest fix stored
-/// since the previous sample take effect. The arguments are those of plumbline_ahrs_update().
-///
-/// # Safety
-///
-/// `ahrs` is null or a filter. Each of the other pointers is null or valid as described.
-#[unsafe(no_mangle)]
-pub unsafe extern "C" fn plumbline_ahrs_update_imu(
-    ahrs: *mut PlumblineAhrs,
-    gyro_rad_s: *const f64,
-    accel_m_s2: *const f64,
-    dt_s: f64,
-    attitude: *mut PlumblineAttitude,
-) -> PlumblineStatus {
-    // SAFETY: required of the caller; the null pointer means that there is no magnetic field.
-    unsafe { update(ahrs, gyro_rad_s, accel_m_s2, core::ptr::null(), Time::Interval(dt_s), attitude) }
-}
-
-/// Processes a timestamped gyro and accelerometer sample. The arguments are those of
-/// plumbline_ahrs_update_at().
-///
-/// # Safety
-///
-/// `ahrs` is null or a filter. Each of the other pointers is null or valid as described.
-#[unsafe(no_mangle)]
-pub unsafe extern "C" fn plumbline_ahrs_update_imu_at(
-    ahrs: *mut PlumblineAhrs,
-    gyro_rad_s: *const f64,
-    accel_m_s2: *const f64,
-    t_ns: i64,
-    attitude: *mut PlumblineAttitude,
-) -> PlumblineStatus {
-    // SAFETY: required of the caller; the null pointer means that there is no magnetic field.
-    unsafe { update(ahrs, gyro_rad_s, accel_m_s2, core::ptr::null(), Time::Stamp(t_ns), attitude) }
 }
 
 /// Stores a magnetometer sample, 3 numbers, microtesla. It takes effect with the next gyro and

@@ -32,7 +32,7 @@ pub use filter::{
     PlumblineAhrs, PlumblineFix, PlumblineFrame, plumbline_ahrs_align, plumbline_ahrs_attitude, plumbline_ahrs_free,
     plumbline_ahrs_init, plumbline_ahrs_new, plumbline_ahrs_rejected, plumbline_ahrs_restore, plumbline_ahrs_save,
     plumbline_ahrs_size, plumbline_ahrs_snapshot_size, plumbline_ahrs_update, plumbline_ahrs_update_at,
-    plumbline_ahrs_update_gnss, plumbline_ahrs_update_imu, plumbline_ahrs_update_imu_at, plumbline_ahrs_update_mag,
+    plumbline_ahrs_update_gnss, plumbline_ahrs_update_mag,
 };
 pub use flags::*;
 pub use status::{PlumblineStatus, plumbline_error_message, plumbline_status_text};

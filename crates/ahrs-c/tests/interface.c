@@ -116,7 +116,7 @@ int main(void) {
         wobble[i % 3] = 1e-4 * (i % 7);
         CHECK_STATUS(plumbline_ahrs_update_mag(ahrs, FIELD), OK);
         CHECK_STATUS(plumbline_ahrs_update_gnss(ahrs, &fix), OK);
-        CHECK_STATUS(plumbline_ahrs_update_imu(ahrs, wobble, UP, 0.01, &attitude), OK);
+        CHECK_STATUS(plumbline_ahrs_update(ahrs, wobble, UP, NULL, 0.01, &attitude), OK);
     }
     CHECK((attitude.flags & PLUMBLINE_FLAG_UNALIGNED) == 0);
     CHECK((attitude.flags & PLUMBLINE_FLAG_FORCE_STUCK) != 0);
@@ -127,7 +127,7 @@ int main(void) {
     CHECK_STATUS(plumbline_ahrs_save(ahrs, snapshot, plumbline_ahrs_snapshot_size(ahrs)), OK);
     CHECK_STATUS(plumbline_ahrs_restore(other, snapshot, 16), INVALID_SNAPSHOT);
     CHECK_STATUS(plumbline_ahrs_restore(other, snapshot, plumbline_ahrs_snapshot_size(ahrs)), OK);
-    CHECK_STATUS(plumbline_ahrs_update_imu_at(ahrs, ZERO, UP, attitude.t_ns + 10000000, NULL), OK);
+    CHECK_STATUS(plumbline_ahrs_update_at(ahrs, ZERO, UP, NULL, attitude.t_ns + 10000000, NULL), OK);
     CHECK_STATUS(plumbline_ahrs_update(other, ZERO, UP, NULL, 0.01, NULL), OK);
     CHECK_STATUS(plumbline_ahrs_attitude(ahrs, PLUMBLINE_FRAME_NED_FRD, &attitude), OK);
     CHECK_STATUS(plumbline_ahrs_attitude(other, PLUMBLINE_FRAME_NED_FRD, &restored), OK);
