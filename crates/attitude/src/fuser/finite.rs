@@ -10,10 +10,12 @@
 use super::input::FuserInput;
 use crate::{Vector3, accel::Inclination, gnss::Fix, gyro::Motion, rotation::Rotation, scalars::are_finite};
 
-/// Implements the items that are the same in every fuser stage: the types of the slot, and `step`.
+/// Implements the items that are the same in every fuser stage: the types of the slot, `step` and
+/// `adopt`.
 ///
-/// `step` removes invalid sensor values from the input and passes it to `Self::fuse`.
-macro_rules! fuser_step {
+/// `step` removes invalid sensor values from the input and passes it to `Self::fuse`. `adopt`
+/// validates the estimate and passes it to `Self::continue_from`.
+macro_rules! fuser_items {
     () => {
         type Input = $crate::fuser::FuserInput;
         type Output = $crate::fuser::Fused;
@@ -24,9 +26,15 @@ macro_rules! fuser_step {
         fn step(&mut self, input: &$crate::fuser::FuserInput) -> $crate::fuser::Fused {
             self.fuse(input.sanitized(&mut None))
         }
+
+        fn adopt(&mut self, common: &$crate::fuser::Estimate) -> Result<(), $crate::stage::RestoreError> {
+            common.validate()?;
+            self.continue_from(common);
+            Ok(())
+        }
     };
 }
-pub(in crate::fuser) use fuser_step;
+pub(in crate::fuser) use fuser_items;
 
 impl FuserInput {
     /// Returns the input itself if all its numbers are finite, else a copy without the invalid

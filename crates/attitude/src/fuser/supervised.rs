@@ -475,10 +475,10 @@ mod tests {
     use super::*;
     use crate::{
         GRAVITY_M_S2,
-        fuser::{Corrections, Estimate, Fuser, finite::fuser_step},
+        fuser::{Corrections, Estimate, Fuser, finite::fuser_items},
         gyro::{Gyro, RateKind, RateSample},
         point::Point,
-        stage::{RestoreError, Stage},
+        stage::Stage,
     };
 
     const INTERVAL_NS: i64 = 10_000_000;
@@ -644,6 +644,8 @@ mod tests {
             let corrections = Corrections { aligned: self.is_aligned, ..Corrections::default() };
             Fused { innovation_rad: if is_invalid { f64::NAN } else { 0.0 }, corrections, ..Fused::default() }
         }
+
+        fn continue_from(&mut self, _: &Estimate) {}
     }
 
     impl FuserStage for Probe {
@@ -653,7 +655,7 @@ mod tests {
     }
 
     impl Stage for Probe {
-        fuser_step!();
+        fuser_items!();
 
         fn name(&self) -> &'static str {
             "probe"
@@ -663,10 +665,6 @@ mod tests {
 
         fn common(&self) -> Estimate {
             Estimate::UNKNOWN
-        }
-
-        fn adopt(&mut self, _: &Estimate) -> Result<(), RestoreError> {
-            Ok(())
         }
     }
 

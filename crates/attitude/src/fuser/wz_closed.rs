@@ -6,7 +6,7 @@
 
 use super::{
     estimate::Estimate,
-    finite::fuser_step,
+    finite::fuser_items,
     first_order::{FirstOrder, MAX_POINT_MODULUS, Settings},
     fused::{Corrections, Fused, innovation_rad},
     input::FuserInput,
@@ -15,7 +15,7 @@ use crate::{
     parameters::parameters_of,
     point::Point,
     scalars::visit_fields,
-    stage::{RestoreError, Stage, attitude_validation_error},
+    stage::{Stage, attitude_validation_error},
     state::{Attitude, wrapped_rad},
 };
 
@@ -56,10 +56,14 @@ impl WzClosed {
         }
         self.common.fused(self.attitude, input, innovation, corrections)
     }
+
+    fn continue_from(&mut self, common: &Estimate) {
+        *self = Self { attitude: common.attitude, common: self.common.continued_from(common) };
+    }
 }
 
 impl Stage for WzClosed {
-    fuser_step!();
+    fuser_items!();
 
     fn name(&self) -> &'static str {
         "wz-closed"
@@ -77,11 +81,5 @@ impl Stage for WzClosed {
 
     fn common(&self) -> Estimate {
         self.common.estimate(self.attitude)
-    }
-
-    fn adopt(&mut self, common: &Estimate) -> Result<(), RestoreError> {
-        common.validate()?;
-        *self = Self { attitude: common.attitude, common: self.common.continued_from(common) };
-        Ok(())
     }
 }

@@ -7,7 +7,7 @@
 
 use super::{
     estimate::Estimate,
-    finite::fuser_step,
+    finite::fuser_items,
     first_order::{FirstOrder, MAX_POINT_MODULUS, Settings},
     fused::{Corrections, Fused, innovation_rad},
     input::FuserInput,
@@ -18,7 +18,7 @@ use crate::{
     parameters::parameters_of,
     point::Point,
     scalars::visit_fields,
-    stage::{RestoreError, Stage, attitude_validation_error},
+    stage::{Stage, attitude_validation_error},
     state::{Attitude, wrapped_rad},
 };
 
@@ -102,10 +102,21 @@ impl WzOpen {
         }
         self.common.fused(self.fused_attitude(), input, innovation, corrections)
     }
+
+    /// Adopts the attitude of another stage. This attitude differs from that of the gyro slot, so
+    /// the offset between them is computed at the next motion.
+    fn continue_from(&mut self, common: &Estimate) {
+        *self = Self {
+            gyro_attitude: common.attitude,
+            adopted: true,
+            common: self.common.continued_from(common),
+            ..Self::default()
+        };
+    }
 }
 
 impl Stage for WzOpen {
-    fuser_step!();
+    fuser_items!();
 
     fn name(&self) -> &'static str {
         "wz-open"
@@ -128,18 +139,5 @@ impl Stage for WzOpen {
 
     fn common(&self) -> Estimate {
         self.common.estimate(self.fused_attitude())
-    }
-
-    /// Adopts the attitude of another stage. This attitude differs from that of the gyro slot, so
-    /// the offset between them is computed at the next motion.
-    fn adopt(&mut self, common: &Estimate) -> Result<(), RestoreError> {
-        common.validate()?;
-        *self = Self {
-            gyro_attitude: common.attitude,
-            adopted: true,
-            common: self.common.continued_from(common),
-            ..Self::default()
-        };
-        Ok(())
     }
 }

@@ -15,13 +15,13 @@ use crate::{
     fuser::{
         bias_handover::HandedOverBias,
         estimate::Estimate,
-        finite::fuser_step,
+        finite::fuser_items,
         fused::{Corrections, Fused, innovation_rad},
         input::FuserInput,
     },
     parameters::{Parameter, ParameterError, Parameters},
     scalars::{Scalars, visit_fields},
-    stage::{RestoreError, Stage, attitude_validation_error, bias_validation_error},
+    stage::{Stage, attitude_validation_error, bias_validation_error},
 };
 
 impl Aided {
@@ -75,10 +75,29 @@ impl Aided {
             corrections,
         }
     }
+
+    pub(in crate::fuser) fn continue_from(&mut self, common: &Estimate) {
+        let max_variance = square(self.settings.gyro_bias_sd_deg_s.to_radians());
+        let mut adopted = Self::new(self.settings);
+        adopted.attitude = common.attitude;
+        adopted.started = true;
+        adopted.gyro_bias_rad_s = common.bias_rad_s.map(|x| x.clamp(-1.0, 1.0));
+        for axis in GYRO..GYRO + 3 {
+            adopted.covariance.reset(axis, square(common.bias_sd_rad_s).min(max_variance));
+        }
+        // The received standard deviation comes from innovations, which do not show a lasting level
+        // error. The standard deviation of an initial level is therefore added.
+        adopted.reset_level(libm::hypot(common.inclination_sd_rad.min(1.0), self.settings.level_sd_deg.to_radians()));
+        adopted.handed_over = HandedOverBias::from_estimate(common);
+        adopted.reference = common.reference;
+        adopted.course_known = common.reference == CourseReference::True;
+        adopted.covariance.reset(HEADING, square(common.heading_sd_rad.clamp(1e-3, PI)));
+        *self = adopted;
+    }
 }
 
 impl Stage for Aided {
-    fuser_step!();
+    fuser_items!();
 
     fn name(&self) -> &'static str {
         "aided"
@@ -140,26 +159,5 @@ impl Stage for Aided {
             heading_sd_rad: self.heading_sd_rad(),
             ..self.handed_over.sensor_errors_or(self.gyro_bias_rad_s, libm::sqrt(bias_variance))
         }
-    }
-
-    fn adopt(&mut self, common: &Estimate) -> Result<(), RestoreError> {
-        common.validate()?;
-        let max_variance = square(self.settings.gyro_bias_sd_deg_s.to_radians());
-        let mut adopted = Self::new(self.settings);
-        adopted.attitude = common.attitude;
-        adopted.started = true;
-        adopted.gyro_bias_rad_s = common.bias_rad_s.map(|x| x.clamp(-1.0, 1.0));
-        for axis in GYRO..GYRO + 3 {
-            adopted.covariance.reset(axis, square(common.bias_sd_rad_s).min(max_variance));
-        }
-        // The received standard deviation comes from innovations, which do not show a lasting level
-        // error. The standard deviation of an initial level is therefore added.
-        adopted.reset_level(libm::hypot(common.inclination_sd_rad.min(1.0), self.settings.level_sd_deg.to_radians()));
-        adopted.handed_over = HandedOverBias::from_estimate(common);
-        adopted.reference = common.reference;
-        adopted.course_known = common.reference == CourseReference::True;
-        adopted.covariance.reset(HEADING, square(common.heading_sd_rad.clamp(1e-3, PI)));
-        *self = adopted;
-        Ok(())
     }
 }

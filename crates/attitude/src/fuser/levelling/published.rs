@@ -11,13 +11,13 @@ use crate::{
     fuser::{
         bias_handover::HandedOverBias,
         estimate::Estimate,
-        finite::fuser_step,
+        finite::fuser_items,
         fused::{Corrections, Fused},
         input::FuserInput,
     },
     parameters::{parameters_of, settings},
     scalars::visit_fields,
-    stage::{RestoreError, Stage},
+    stage::Stage,
 };
 use core::f64::consts::PI;
 
@@ -98,10 +98,15 @@ impl Levelling {
             corrections,
         }
     }
+
+    fn continue_from(&mut self, common: &Estimate) {
+        self.platform.adopt(common.attitude, self.settings.low_pass_s);
+        self.bias_handover = HandedOverBias::from_estimate(common);
+    }
 }
 
 impl Stage for Levelling {
-    fuser_step!();
+    fuser_items!();
 
     fn name(&self) -> &'static str {
         "levelling"
@@ -126,12 +131,5 @@ impl Stage for Levelling {
             inclination_sd_rad: self.platform.inclination_sd_rad(),
             ..self.bias_handover.sensor_errors()
         }
-    }
-
-    fn adopt(&mut self, common: &Estimate) -> Result<(), RestoreError> {
-        common.validate()?;
-        self.platform.adopt(common.attitude, self.settings.low_pass_s);
-        self.bias_handover = HandedOverBias::from_estimate(common);
-        Ok(())
     }
 }

@@ -33,14 +33,14 @@ use crate::{
     fuser::{
         bias_handover::HandedOverBias,
         estimate::Estimate,
-        finite::fuser_step,
+        finite::fuser_items,
         fused::{Corrections, Fused},
         input::FuserInput,
     },
     gnss::Fix,
     parameters::{parameters_of, settings},
     scalars::visit_fields,
-    stage::{RestoreError, Stage},
+    stage::Stage,
     state::{Attitude, wrapped_rad},
 };
 
@@ -212,10 +212,21 @@ impl LevellingUnified {
             corrections,
         }
     }
+
+    /// Continues both platforms from the handed-over attitude. If the course does not refer to true
+    /// north, the next track sets the course.
+    fn continue_from(&mut self, common: &Estimate) {
+        self.aided.adopt(common.attitude, self.settings.low_pass_s);
+        self.autonomous.adopt(common.attitude, self.settings.low_pass_s);
+        self.offset_rad = 0.0;
+        self.course_known = common.reference == CourseReference::True;
+        self.drift_sd_rad = common.heading_sd_rad.min(PI);
+        self.bias_handover = HandedOverBias::from_estimate(common);
+    }
 }
 
 impl Stage for LevellingUnified {
-    fuser_step!();
+    fuser_items!();
 
     fn name(&self) -> &'static str {
         "levelling-unified"
@@ -249,18 +260,5 @@ impl Stage for LevellingUnified {
             heading_sd_rad: self.heading_sd_rad(),
             ..self.bias_handover.sensor_errors()
         }
-    }
-
-    /// Continues both platforms from the handed-over attitude. If the course does not refer to true
-    /// north, the next track sets the course.
-    fn adopt(&mut self, common: &Estimate) -> Result<(), RestoreError> {
-        common.validate()?;
-        self.aided.adopt(common.attitude, self.settings.low_pass_s);
-        self.autonomous.adopt(common.attitude, self.settings.low_pass_s);
-        self.offset_rad = 0.0;
-        self.course_known = common.reference == CourseReference::True;
-        self.drift_sd_rad = common.heading_sd_rad.min(PI);
-        self.bias_handover = HandedOverBias::from_estimate(common);
-        Ok(())
     }
 }

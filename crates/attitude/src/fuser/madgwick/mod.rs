@@ -29,7 +29,7 @@ use super::{
     bias_handover::HandedOverBias,
     estimate::Estimate,
     field::{field_direction, heading_correction_rad},
-    finite::fuser_step,
+    finite::fuser_items,
     fused::{Corrections, Fused, innovation_rad},
     input::FuserInput,
 };
@@ -40,7 +40,7 @@ use crate::{
     parameters::{Parameter, ParameterError, Parameters, settings},
     point::Point,
     scalars::visit_fields,
-    stage::{RestoreError, Stage},
+    stage::Stage,
     state::Attitude,
 };
 use gradient::{ReferenceDirections, normalized};
@@ -221,10 +221,21 @@ impl Madgwick {
             corrections,
         }
     }
+
+    /// Continues from the handed-over state. A heading that refers to true north is kept until the
+    /// next magnetic field sample, which resets it.
+    fn continue_from(&mut self, common: &Estimate) {
+        self.quaternion = common.attitude.quaternion();
+        self.levelled = true;
+        self.magnetic = common.reference == CourseReference::Magnetic;
+        self.tilt = AngleUncertainty::from_sd(common.inclination_sd_rad);
+        self.heading = AngleUncertainty::from_sd(common.heading_sd_rad);
+        self.bias_handover = HandedOverBias::from_estimate(common);
+    }
 }
 
 impl Stage for Madgwick {
-    fuser_step!();
+    fuser_items!();
 
     fn name(&self) -> &'static str {
         match self.descent {
@@ -272,18 +283,5 @@ impl Stage for Madgwick {
             heading_sd_rad: self.heading.sd_rad(),
             ..self.bias_handover.sensor_errors()
         }
-    }
-
-    /// Continues from the handed-over state. A heading that refers to true north is kept until the
-    /// next magnetic field sample, which resets it.
-    fn adopt(&mut self, common: &Estimate) -> Result<(), RestoreError> {
-        common.validate()?;
-        self.quaternion = common.attitude.quaternion();
-        self.levelled = true;
-        self.magnetic = common.reference == CourseReference::Magnetic;
-        self.tilt = AngleUncertainty::from_sd(common.inclination_sd_rad);
-        self.heading = AngleUncertainty::from_sd(common.heading_sd_rad);
-        self.bias_handover = HandedOverBias::from_estimate(common);
-        Ok(())
     }
 }

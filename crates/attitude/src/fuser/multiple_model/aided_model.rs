@@ -11,7 +11,7 @@ use crate::{
     course::CourseReference,
     fuser::{FuserInput, aided::Aided, estimate::Estimate, fused::Fused},
     scalars::Scalars as _,
-    stage::{RestoreError, Stage as _},
+    stage::Stage as _,
 };
 
 /// Time for which a body counts as moving over ground after ground motion was detected, s.
@@ -74,11 +74,10 @@ impl AidedModel {
         self.since_ground_motion_s < GROUND_MOTION_HOLD_S
     }
 
-    pub(super) fn adopt(&mut self, common: &Estimate) -> Result<(), RestoreError> {
-        self.stage.adopt(common)?;
+    pub(super) fn continue_from(&mut self, common: &Estimate) {
+        self.stage.continue_from(common);
         self.turns = TurnDetector::default();
         self.since_ground_motion_s = if common.reference == CourseReference::True { 0.0 } else { GROUND_MOTION_HOLD_S };
-        Ok(())
     }
 
     /// Visits the state without that of the stage.

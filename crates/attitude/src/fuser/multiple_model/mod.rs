@@ -35,14 +35,14 @@ pub use wz_model::WzModel;
 use super::{
     aided,
     estimate::Estimate,
-    finite::fuser_step,
+    finite::fuser_items,
     fused::Fused,
     input::FuserInput,
     wz::{self, Wz},
 };
 use crate::{
     parameters::{Parameter, ParameterError, Parameters},
-    stage::{RestoreError, Stage},
+    stage::Stage,
 };
 
 /// Parameters of `wz`, then those of `aided`.
@@ -92,10 +92,18 @@ impl MultipleModel {
         let aided = self.aided.step(input);
         self.wz.step(input, aided.as_ref())
     }
+
+    /// Continues both stages from the handed-over state. A heading that refers to true north counts
+    /// as ground motion.
+    fn continue_from(&mut self, common: &Estimate) {
+        self.wz.stage.continue_from(common);
+        self.aided.continue_from(common);
+        self.wz.select_again(common.reference, self.aided.has_ground_motion());
+    }
 }
 
 impl Stage for MultipleModel {
-    fuser_step!();
+    fuser_items!();
 
     fn name(&self) -> &'static str {
         "multiple-model"
@@ -134,14 +142,5 @@ impl Stage for MultipleModel {
 
     fn common(&self) -> Estimate {
         self.wz.common(&self.aided.stage.common())
-    }
-
-    /// Continues both stages from the handed-over state. A heading that refers to true north counts
-    /// as ground motion.
-    fn adopt(&mut self, common: &Estimate) -> Result<(), RestoreError> {
-        self.wz.stage.adopt(common)?;
-        self.aided.adopt(common)?;
-        self.wz.select_again(common.reference, self.aided.has_ground_motion());
-        Ok(())
     }
 }

@@ -22,7 +22,7 @@ use super::{
     angle_uncertainty::AngleUncertainty,
     estimate::Estimate,
     field::field_direction,
-    finite::fuser_step,
+    finite::fuser_items,
     fused::{Corrections, Fused, innovation_rad},
     input::FuserInput,
 };
@@ -30,7 +30,7 @@ use crate::{
     Vector3,
     course::CourseReference,
     scalars::visit_fields,
-    stage::{RestoreError, Stage, bias_validation_error},
+    stage::{Stage, bias_validation_error},
 };
 use {filter::clamped, vqf_state::visit_state};
 
@@ -82,10 +82,33 @@ impl Vqf {
             corrections,
         }
     }
+
+    /// Continues from a handed-over state. A heading that refers to true north is kept until the
+    /// next magnetic field sample, which resets it. The bias is clamped to the range of VQF.
+    fn continue_from(&mut self, common: &Estimate) {
+        self.set_attitude(common.attitude);
+        self.seed_low_pass(common.leaky_velocity.initial_m_s());
+        self.velocity_sd_m_s = common.leaky_velocity.initial_sd_m_s();
+        self.levelled = true;
+        self.magnetic = common.reference == CourseReference::Magnetic;
+        let params = self.filter.params();
+        let (bias_max, sd_max) = (params.bias_clip.to_radians(), params.bias_sigma_init.to_radians());
+        let bias_rad_s = common.bias_rad_s.map(|x| x.clamp(-bias_max, bias_max));
+        // VQF treats the uncertainty of the bias as on a cold start, because the composition of the
+        // handed-over error is unknown.
+        self.filter.set_bias_estimate(bias_rad_s.into(), Some(sd_max));
+        let state = self.filter.state_mut();
+        state.delta = 0.0;
+        state.k_mag_init = if self.magnetic { 0.0 } else { 1.0 };
+        self.tilt = AngleUncertainty::from_sd(common.inclination_sd_rad);
+        self.heading = AngleUncertainty::from_sd(common.heading_sd_rad);
+        self.gyro_scale = common.gyro_scale;
+        self.hard_iron = common.hard_iron;
+    }
 }
 
 impl Stage for Vqf {
-    fuser_step!();
+    fuser_items!();
 
     fn name(&self) -> &'static str {
         "vqf"
@@ -126,31 +149,6 @@ impl Stage for Vqf {
             hard_iron: self.hard_iron,
             leaky_velocity: self.leaky_velocity(),
         }
-    }
-
-    /// Continues from a handed-over state. A heading that refers to true north is kept until the
-    /// next magnetic field sample, which resets it. The bias is clamped to the range of VQF.
-    fn adopt(&mut self, common: &Estimate) -> Result<(), RestoreError> {
-        common.validate()?;
-        self.set_attitude(common.attitude);
-        self.seed_low_pass(common.leaky_velocity.initial_m_s());
-        self.velocity_sd_m_s = common.leaky_velocity.initial_sd_m_s();
-        self.levelled = true;
-        self.magnetic = common.reference == CourseReference::Magnetic;
-        let params = self.filter.params();
-        let (bias_max, sd_max) = (params.bias_clip.to_radians(), params.bias_sigma_init.to_radians());
-        let bias_rad_s = common.bias_rad_s.map(|x| x.clamp(-bias_max, bias_max));
-        // VQF treats the uncertainty of the bias as on a cold start, because the composition of the
-        // handed-over error is unknown.
-        self.filter.set_bias_estimate(bias_rad_s.into(), Some(sd_max));
-        let state = self.filter.state_mut();
-        state.delta = 0.0;
-        state.k_mag_init = if self.magnetic { 0.0 } else { 1.0 };
-        self.tilt = AngleUncertainty::from_sd(common.inclination_sd_rad);
-        self.heading = AngleUncertainty::from_sd(common.heading_sd_rad);
-        self.gyro_scale = common.gyro_scale;
-        self.hard_iron = common.hard_iron;
-        Ok(())
     }
 }
 

@@ -43,7 +43,7 @@ use core::f64::consts::PI;
 
 use super::{
     estimate::Estimate,
-    finite::fuser_step,
+    finite::fuser_items,
     fused::{Corrections, Fused},
     input::FuserInput,
     rest::{RestDetector, RestInput},
@@ -55,7 +55,7 @@ use crate::{
     parameters::{Parameter, Parameters, parameters_of},
     rotation::Rotation,
     scalars::visit_fields,
-    stage::{RestoreError, Stage},
+    stage::Stage,
 };
 pub(super) use settings::SHARED_WITH_AIDED;
 use {
@@ -325,10 +325,18 @@ impl Wz {
             corrections,
         }
     }
+
+    pub(in crate::fuser) fn continue_from(&mut self, common: &Estimate) {
+        self.heading = Heading::from_estimate(&self.settings, common);
+        self.level = Level::from_attitude(common.attitude, common.leaky_velocity.initial_m_s());
+        self.gyro_errors = GyroErrorFilter::from_estimate(common);
+        self.wide_bias = WideBiasFilter::after_hand_over(common.bias_sd_rad_s.is_finite());
+        self.rest = RestDetector::default();
+    }
 }
 
 impl Stage for Wz {
-    fuser_step!();
+    fuser_items!();
 
     fn name(&self) -> &'static str {
         "wz"
@@ -366,16 +374,6 @@ impl Stage for Wz {
             hard_iron: self.heading.hard_iron(),
             leaky_velocity: self.level.leaky_velocity(attitude.z_rad, self.gyro_errors.initial_velocity_sd_m_s()),
         }
-    }
-
-    fn adopt(&mut self, common: &Estimate) -> Result<(), RestoreError> {
-        common.validate()?;
-        self.heading = Heading::from_estimate(&self.settings, common);
-        self.level = Level::from_attitude(common.attitude, common.leaky_velocity.initial_m_s());
-        self.gyro_errors = GyroErrorFilter::from_estimate(common);
-        self.wide_bias = WideBiasFilter::after_hand_over(common.bias_sd_rad_s.is_finite());
-        self.rest = RestDetector::default();
-        Ok(())
     }
 }
 

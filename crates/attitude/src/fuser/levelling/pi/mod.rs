@@ -35,7 +35,7 @@ use crate::{
     fuser::{
         bias_handover::HandedOverBias,
         estimate::Estimate,
-        finite::fuser_step,
+        finite::fuser_items,
         fused::{Corrections, Fused, innovation_rad},
         input::FuserInput,
         low_pass::low_pass_gain,
@@ -44,7 +44,7 @@ use crate::{
     parameters::parameters_of,
     rotation::Rotation,
     scalars::visit_fields,
-    stage::{RestoreError, Stage, attitude_validation_error, bias_validation_error},
+    stage::{Stage, attitude_validation_error, bias_validation_error},
 };
 use {
     filter::{KNOWN_BIAS_SD_RAD_S, MAX_BIAS_RAD_S, UNKNOWN_BIAS_SD_RAD_S},
@@ -154,10 +154,29 @@ impl LevellingPi {
             corrections,
         }
     }
+
+    fn continue_from(&mut self, common: &Estimate) {
+        let mut adopted = Self { settings: self.settings, attitude: common.attitude, started: true, ..Self::default() };
+        if common.bias_sd_rad_s.is_finite() {
+            adopted.bias_rad_s = limited(common.bias_rad_s, MAX_BIAS_RAD_S);
+            // A bias may count as known only if the level and the speed are known, too. After a
+            // hand-over, level and speed count as unknown, as on a cold start.
+            let sd_rad_s = common.bias_sd_rad_s.max(KNOWN_BIAS_SD_RAD_S);
+            adopted.bias_variance_rad2_s2 = (sd_rad_s * sd_rad_s).min(adopted.bias_variance_rad2_s2);
+        }
+        // The previous stage's level may lag. The mean horizontal force is then not zero, so the
+        // low-pass filter starts as a plain mean.
+        adopted.averaging_deficit_s = self.settings.cold_low_pass_s;
+        adopted.bias_handover = HandedOverBias::from_estimate(common);
+        if common.reference == CourseReference::True {
+            adopted.heading = Heading::with_sd(common.heading_sd_rad);
+        }
+        *self = adopted;
+    }
 }
 
 impl Stage for LevellingPi {
-    fuser_step!();
+    fuser_items!();
 
     fn name(&self) -> &'static str {
         "levelling-pi"
@@ -193,26 +212,5 @@ impl Stage for LevellingPi {
             heading_sd_rad: self.heading_sd_rad(),
             ..self.bias_handover.sensor_errors_or(self.bias_rad_s, own_sd_rad_s.unwrap_or(f64::INFINITY))
         }
-    }
-
-    fn adopt(&mut self, common: &Estimate) -> Result<(), RestoreError> {
-        common.validate()?;
-        let mut adopted = Self { settings: self.settings, attitude: common.attitude, started: true, ..Self::default() };
-        if common.bias_sd_rad_s.is_finite() {
-            adopted.bias_rad_s = limited(common.bias_rad_s, MAX_BIAS_RAD_S);
-            // A bias may count as known only if the level and the speed are known, too. After a
-            // hand-over, level and speed count as unknown, as on a cold start.
-            let sd_rad_s = common.bias_sd_rad_s.max(KNOWN_BIAS_SD_RAD_S);
-            adopted.bias_variance_rad2_s2 = (sd_rad_s * sd_rad_s).min(adopted.bias_variance_rad2_s2);
-        }
-        // The previous stage's level may lag. The mean horizontal force is then not zero, so the
-        // low-pass filter starts as a plain mean.
-        adopted.averaging_deficit_s = self.settings.cold_low_pass_s;
-        adopted.bias_handover = HandedOverBias::from_estimate(common);
-        if common.reference == CourseReference::True {
-            adopted.heading = Heading::with_sd(common.heading_sd_rad);
-        }
-        *self = adopted;
-        Ok(())
     }
 }
