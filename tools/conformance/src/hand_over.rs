@@ -26,7 +26,7 @@ pub(crate) fn checks<L: SlotSpec, S: SlotStage<L>>(make: &impl Fn() -> S, budget
     }
     let own = make().name();
     let others = || {
-        L::STAGE_NAMES.iter().filter(move |name| **name != own).filter_map(|name| Some((*name, L::from_name(name)?)))
+        L::SLOT.stages().iter().filter(move |name| **name != own).filter_map(|name| Some((*name, L::from_name(name)?)))
     };
     let mut checks = Vec::new();
     let inputs = L::inputs(&S1);

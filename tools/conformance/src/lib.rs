@@ -67,10 +67,7 @@ use slot::{AccelSlot, CourseSlot, FuserSlot, GyroSlot, SlotSpec, SlotStage};
 
 /// Returns every built-in stage as (slot, stage).
 pub fn stages() -> impl Iterator<Item = (Slot, &'static str)> {
-    fn names_of<L: SlotSpec>() -> impl Iterator<Item = (Slot, &'static str)> {
-        L::STAGE_NAMES.iter().map(|name| (L::SLOT, *name))
-    }
-    names_of::<GyroSlot>().chain(names_of::<AccelSlot>()).chain(names_of::<FuserSlot>()).chain(names_of::<CourseSlot>())
+    Slot::ALL.into_iter().flat_map(|slot| slot.stages().iter().map(move |name| (slot, *name)))
 }
 
 /// Checks a built-in stage. Returns `None` for an unknown name.

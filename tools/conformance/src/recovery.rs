@@ -39,7 +39,7 @@ static TABLE: LazyLock<Vec<Vec<&'static str>>> = LazyLock::new(|| {
 /// Returns an entry of the table, or `None` if it is `none` or missing.
 fn table_value<L: SlotSpec>(row: &str, stage: &str) -> Option<f64> {
     let column = |name: &str| TABLE.first()?.iter().position(|column| *column == name);
-    let default = if L::SLOT == Slot::Fuser { OTHER_FUSERS } else { L::STAGE_NAMES.first()? };
+    let default = if L::SLOT == Slot::Fuser { OTHER_FUSERS } else { L::SLOT.stages().first()? };
     let column = column(stage).or_else(|| column(default))?;
     TABLE.iter().find(|cells| cells.first() == Some(&row))?.get(column)?.parse().ok()
 }

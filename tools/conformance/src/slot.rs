@@ -34,7 +34,6 @@ pub(crate) trait SlotSpec: Sized {
     type BuiltIn: SlotStage<Self>;
 
     const SLOT: Slot;
-    const STAGE_NAMES: &'static [&'static str];
     /// `true` if the sign of the output's quaternion must be continuous.
     const HAS_CONTINUOUS_SIGN: bool = false;
     /// `true` if a stage must report the exact inclination when its sensors are exact.
@@ -84,7 +83,6 @@ impl SlotSpec for GyroSlot {
     type BuiltIn = Gyro;
 
     const SLOT: Slot = Slot::Gyro;
-    const STAGE_NAMES: &'static [&'static str] = &Gyro::NAMES;
     const HAS_EXACT_LEVEL: bool = false;
 
     fn from_name(name: &str) -> Option<Gyro> {
@@ -137,7 +135,6 @@ impl SlotSpec for AccelSlot {
     type BuiltIn = Accelerometer;
 
     const SLOT: Slot = Slot::Accel;
-    const STAGE_NAMES: &'static [&'static str] = &Accelerometer::NAMES;
     const HAS_EXACT_LEVEL: bool = true;
 
     fn from_name(name: &str) -> Option<Accelerometer> {
@@ -203,7 +200,6 @@ impl SlotSpec for FuserSlot {
     type BuiltIn = Fuser;
 
     const SLOT: Slot = Slot::Fuser;
-    const STAGE_NAMES: &'static [&'static str] = &Fuser::NAMES;
     const HAS_EXACT_LEVEL: bool = true;
 
     fn from_name(name: &str) -> Option<Fuser> {
@@ -319,7 +315,6 @@ impl SlotSpec for CourseSlot {
     type BuiltIn = Course;
 
     const SLOT: Slot = Slot::Course;
-    const STAGE_NAMES: &'static [&'static str] = &Course::NAMES;
     const HAS_CONTINUOUS_SIGN: bool = true;
     const HAS_EXACT_LEVEL: bool = true;
 
