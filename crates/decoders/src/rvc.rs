@@ -21,6 +21,8 @@
 //! measurement. Near pitch ±90° yaw and roll jump, but the rate does not. Because the checksum has
 //! only 8 bits, one in 256 corrupted frames is accepted unless its angles are out of range.
 
+use attitude::Quaternion;
+
 use crate::{
     DeviceTime, Measurement, Value,
     framed::{Format, ParseOutcome, three_i16, wrapping_sum},
@@ -78,37 +80,27 @@ impl Rvc {
     }
 }
 
-/// Unit quaternion, w first, from the chip's axes to its axes at power-on.
+/// Unit quaternion from the chip's axes to its axes at power-on.
 #[derive(Debug, Clone, Copy)]
-struct Attitude([f64; 4]);
+struct Attitude(Quaternion<f64>);
 
 impl Attitude {
     /// Creates an attitude from yaw, pitch and roll, 0.01°.
     fn from_angles(angles: [f64; 3]) -> Self {
         let [yaw, pitch, roll] = angles.map(|angle| (angle / 200.0).to_radians().sin_cos());
-        let about_z = [yaw.1, 0.0, 0.0, yaw.0];
-        let about_x = [pitch.1, pitch.0, 0.0, 0.0];
-        let about_y = [roll.1, 0.0, roll.0, 0.0];
-        Self(product(product(about_z, about_x), about_y))
+        let about_z = Quaternion::new(yaw.1, 0.0, 0.0, yaw.0);
+        let about_x = Quaternion::new(pitch.1, pitch.0, 0.0, 0.0);
+        let about_y = Quaternion::new(roll.1, 0.0, roll.0, 0.0);
+        Self(about_z * about_x * about_y)
     }
 
     /// Returns the rotation vector from this attitude to `later` in the chip's axes, rad.
     fn rotation_to(self, later: Self) -> [f64; 3] {
-        let [w, x, y, z] = self.0;
-        let [w, x, y, z] = product([w, -x, -y, -z], later.0);
-        let sine = (x * x + y * y + z * z).sqrt();
+        let rotation = self.0.conjugate() * later.0;
+        let sine = rotation.imag().norm();
         // The sign of w selects the shorter of the two rotations.
-        let angle = 2.0 * sine.atan2(w.abs()) * w.signum();
+        let angle = 2.0 * sine.atan2(rotation.w.abs()) * rotation.w.signum();
         let scale = if sine > 0.0 { angle / sine } else { 0.0 };
-        [x, y, z].map(|component| component * scale)
+        (rotation.imag() * scale).into()
     }
-}
-
-fn product([w, x, y, z]: [f64; 4], [a, b, c, d]: [f64; 4]) -> [f64; 4] {
-    [
-        w * a - x * b - y * c - z * d,
-        w * b + x * a + y * d - z * c,
-        w * c - x * d + y * a + z * b,
-        w * d + x * c - y * b + z * a,
-    ]
 }

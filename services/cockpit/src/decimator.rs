@@ -5,6 +5,7 @@
 //! bounded. If there are too many events, the newest are kept. Failure: malformed messages and
 //! non-finite values are ignored.
 
+use attitude::Quaternion;
 use graph::Topic;
 use messages::{
     AccelPoint, AttitudeOutput, Difference, FusedState, GnssFix, GyroStep, Health, ImuSample, MagSample, Reference,
@@ -187,13 +188,10 @@ impl Decimator {
 
 /// Returns the angle of the rotation between two attitudes, from 0 to π rad.
 fn angle_rad(a: [f64; 4], b: [f64; 4]) -> f64 {
-    // Scalar and vector part of the relative rotation. The norm of the vector part remains accurate
-    // for small angles.
-    let [w, x, y, z] = a;
-    let [p, q, r, s] = b;
-    let scalar = w * p + x * q + y * r + z * s;
-    let vector = [w * q - x * p - y * s + z * r, w * r + x * s - y * p - z * q, w * s - x * r + y * q - z * p];
-    2.0 * norm(vector).atan2(scalar.abs())
+    let [a, b] = [a, b].map(|[w, x, y, z]| Quaternion::new(w, x, y, z));
+    let rotation = a.conjugate() * b;
+    // The norm of the vector part remains accurate for small angles.
+    2.0 * rotation.imag().norm().atan2(rotation.w.abs())
 }
 
 fn norm([x, y, z]: [f64; 3]) -> f64 {
