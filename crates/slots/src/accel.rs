@@ -18,9 +18,7 @@ use runtime::{
 
 /// Message processor of the slot `accel`.
 #[derive(Debug)]
-pub struct AccelProcessor {
-    stage: ResettingStage<AnyStage<Accelerometer>>,
-}
+pub struct AccelProcessor(ResettingStage<AnyStage<Accelerometer>>);
 
 /// Creates the slot with the stage that `config` names.
 ///
@@ -29,7 +27,7 @@ pub struct AccelProcessor {
 /// Returns an error if the stage cannot be built.
 pub fn slot(config: &ServiceConfig) -> Result<SingleInputSlot<AccelProcessor>, RuntimeError> {
     let stage = ResettingStage::new(stage::build_stage(Slot::Accel, &config.launch, Accelerometer::from_name)?);
-    Ok(SingleInputSlot::new(AccelProcessor { stage }))
+    Ok(SingleInputSlot::new(AccelProcessor(stage)))
 }
 
 impl TickProcessor for AccelProcessor {
@@ -40,7 +38,7 @@ impl TickProcessor for AccelProcessor {
     type Stage = AnyStage<Accelerometer>;
 
     fn process(&mut self, input: &ImuSample, mut header: Header) -> Option<AccelPoint> {
-        let (inclination, was_reset) = self.stage.step(&input.force_m_s2.into())?;
+        let (inclination, was_reset) = self.0.step(&input.force_m_s2.into())?;
         header.flags |= Flags::RESET.when(was_reset) | inclination.flags();
         Some(AccelPoint {
             header,
@@ -53,11 +51,11 @@ impl TickProcessor for AccelProcessor {
     }
 
     fn resetting_stage(&self) -> &ResettingStage<AnyStage<Accelerometer>> {
-        &self.stage
+        &self.0
     }
 
     fn resetting_stage_mut(&mut self) -> &mut ResettingStage<AnyStage<Accelerometer>> {
-        &mut self.stage
+        &mut self.0
     }
 
     fn visit_own_state(&mut self, _visit: &mut dyn FnMut(&mut u64)) {}

@@ -24,9 +24,7 @@ use runtime::{
 
 /// Message processor of the slot `gyro`.
 #[derive(Debug)]
-pub struct GyroProcessor {
-    gyro: SupervisedGyro<AnyStage<Gyro>>,
-}
+pub struct GyroProcessor(SupervisedGyro<AnyStage<Gyro>>);
 
 /// Creates the slot with the stage that `config` names.
 ///
@@ -35,7 +33,7 @@ pub struct GyroProcessor {
 /// Returns an error if the stage cannot be built.
 pub fn slot(config: &ServiceConfig) -> Result<SingleInputSlot<GyroProcessor>, RuntimeError> {
     let gyro = SupervisedGyro::new(stage::build_stage(Slot::Gyro, &config.launch, Gyro::from_name)?);
-    Ok(SingleInputSlot::new(GyroProcessor { gyro }))
+    Ok(SingleInputSlot::new(GyroProcessor(gyro)))
 }
 
 impl TickProcessor for GyroProcessor {
@@ -48,7 +46,7 @@ impl TickProcessor for GyroProcessor {
     fn process(&mut self, input: &ImuSample, mut header: Header) -> Option<GyroStep> {
         let Header { t_start_ns, t_end_ns, flags, .. } = header;
         let ImuSample { rate_rad_s, force_m_s2, .. } = *input;
-        let (motion, was_reset) = self.gyro.step(&GyroTick { t_start_ns, t_end_ns, flags, rate_rad_s, force_m_s2 })?;
+        let (motion, was_reset) = self.0.step(&GyroTick { t_start_ns, t_end_ns, flags, rate_rad_s, force_m_s2 })?;
         header.flags |= Flags::RESET.when(was_reset);
         Some(GyroStep {
             header,
@@ -62,15 +60,15 @@ impl TickProcessor for GyroProcessor {
     }
 
     fn resetting_stage(&self) -> &ResettingStage<AnyStage<Gyro>> {
-        &self.gyro.resetting
+        &self.0.resetting
     }
 
     fn resetting_stage_mut(&mut self) -> &mut ResettingStage<AnyStage<Gyro>> {
-        &mut self.gyro.resetting
+        &mut self.0.resetting
     }
 
     fn visit_own_state(&mut self, visit: &mut dyn FnMut(&mut u64)) {
-        self.gyro.state_mut().visit(visit);
+        self.0.state_mut().visit(visit);
     }
 }
 
