@@ -48,6 +48,7 @@ use rustix::thread::{CpuSet, sched_getaffinity, sched_setaffinity};
 use serde::{Deserialize, Serialize};
 
 use chain::ProcessSettings;
+use program::RoundArgs;
 use table::Table;
 
 /// Warm-up omitted by `raw` and `bus`, s.
@@ -64,24 +65,11 @@ type Failure = Box<dyn std::error::Error>;
 /// Measure latency and CPU time of the pipeline and of minimal chains
 #[derive(Parser)]
 struct Cli {
-    /// Measure each variant for this many seconds per round
-    #[arg(long, default_value_t = 3.0)]
-    seconds: f64,
-    /// Measure all variants in this many rounds
-    #[arg(long, default_value_t = 5)]
-    rounds: usize,
+    #[command(flatten)]
+    rounds: RoundArgs,
     /// Also measure another plumb executable, such as an earlier build
     #[arg(long, value_name = "PLUMB")]
     other: Option<OsString>,
-    /// Print one JSON object on the last line of standard output
-    #[arg(long)]
-    json: bool,
-    /// Accept the flag that cargo passes to every benchmark
-    #[arg(long, hide = true)]
-    bench: bool,
-    /// Run as one process of a chain, with these settings (JSON)
-    #[arg(long, hide = true)]
-    process: Option<String>,
 }
 
 /// Transport of the samples.
@@ -134,7 +122,7 @@ struct LatencyUs {
 
 fn main() -> ExitCode {
     let cli = Cli::parse();
-    program::run(cli.process.as_deref(), run_process, || measure(&cli))
+    program::run(cli.rounds.process.as_deref(), run_process, || measure(&cli))
 }
 
 fn run_process(settings: &ProcessSettings) -> Result<(), Failure> {
@@ -146,27 +134,28 @@ fn run_process(settings: &ProcessSettings) -> Result<(), Failure> {
 }
 
 fn measure(cli: &Cli) -> Result<(), Failure> {
-    if !(MIN_S..=60.0).contains(&cli.seconds) || !(1..=1000).contains(&cli.rounds) {
+    let RoundArgs { seconds, rounds, json, .. } = cli.rounds;
+    if !(MIN_S..=60.0).contains(&seconds) || !(1..=1000).contains(&rounds) {
         return Err(format!("expected {MIN_S} to 60 seconds and 1 to 1000 rounds").into());
     }
-    let mut table = Table::new(cli.rounds, cli.seconds);
-    for round in 0..cli.rounds {
+    let mut table = Table::new(rounds, seconds);
+    for round in 0..rounds {
         for mode in [Mode::Free, Mode::One] {
             let _pinning = (mode == Mode::One).then(CorePinning::to_last_core).transpose()?;
             for rate_hz in RATES_HZ {
                 let mut add = |variant, cost| table.add(round, mode, rate_hz, variant, cost);
-                add(Variant::Raw, raw::run(rate_hz, cli.seconds)?);
-                add(Variant::Bus, bus::run(rate_hz, cli.seconds)?);
-                add(Variant::Real, real::run(real::PLUMB.as_ref(), rate_hz, cli.seconds)?);
+                add(Variant::Raw, raw::run(rate_hz, seconds)?);
+                add(Variant::Bus, bus::run(rate_hz, seconds)?);
+                add(Variant::Real, real::run(real::PLUMB.as_ref(), rate_hz, seconds)?);
                 if let Some(other) = &cli.other {
-                    add(Variant::Other, real::run(other, rate_hz, cli.seconds)?);
+                    add(Variant::Other, real::run(other, rate_hz, seconds)?);
                 }
             }
         }
-        eprintln!("round {} of {}", round + 1, cli.rounds);
+        eprintln!("round {} of {rounds}", round + 1);
     }
     eprint!("{table}");
-    if cli.json {
+    if json {
         println!("{}", table.json()?);
     }
     Ok(())

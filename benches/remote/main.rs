@@ -52,6 +52,7 @@ use clap::Parser;
 use serde::{Deserialize, Serialize};
 
 use hop_end::ProcessSettings;
+use program::RoundArgs;
 use table::Table;
 
 /// Warm-up omitted at the start of each variant, s.
@@ -63,24 +64,11 @@ type Failure = Box<dyn std::error::Error>;
 /// Measure latency and CPU time of one network hop against bare Zenoh
 #[derive(Parser)]
 struct Cli {
-    /// Measure each variant for this many seconds per round
-    #[arg(long, default_value_t = 3.0)]
-    seconds: f64,
-    /// Measure all variants in this many rounds
-    #[arg(long, default_value_t = 5)]
-    rounds: usize,
+    #[command(flatten)]
+    rounds: RoundArgs,
     /// Measure `tunnel` as well, with this iceoryx2-tunnel program
     #[arg(long)]
     tunnel: Option<PathBuf>,
-    /// Print one JSON object on the last line of standard output
-    #[arg(long)]
-    json: bool,
-    /// Accept the flag that cargo passes to every benchmark
-    #[arg(long, hide = true)]
-    bench: bool,
-    /// Run as one process of a hop, with these settings (JSON)
-    #[arg(long, hide = true)]
-    process: Option<String>,
 }
 
 /// Transport of the samples.
@@ -106,7 +94,7 @@ struct Cost {
 
 fn main() -> ExitCode {
     let cli = Cli::parse();
-    program::run(cli.process.as_deref(), run_process, || measure(&cli))
+    program::run(cli.rounds.process.as_deref(), run_process, || measure(&cli))
 }
 
 fn run_process(settings: &ProcessSettings) -> Result<(), Failure> {
@@ -120,28 +108,29 @@ fn run_process(settings: &ProcessSettings) -> Result<(), Failure> {
 }
 
 fn measure(cli: &Cli) -> Result<(), Failure> {
-    if !(0.1..=60.0).contains(&cli.seconds) || !(1..=1000).contains(&cli.rounds) {
+    let RoundArgs { seconds, rounds, json, .. } = cli.rounds;
+    if !(0.1..=60.0).contains(&seconds) || !(1..=1000).contains(&rounds) {
         return Err("expected 0.1 to 60 seconds and 1 to 1000 rounds".into());
     }
     let mut variants = vec![Variant::Zenoh, Variant::Each, Variant::Batches, Variant::Carried];
     variants.extend(cli.tunnel.is_some().then_some(Variant::Tunnel));
-    let mut table = Table::new(cli.rounds, cli.seconds);
-    for round in 0..cli.rounds {
+    let mut table = Table::new(rounds, seconds);
+    for round in 0..rounds {
         for rate_hz in RATES_HZ {
             for variant in &variants {
                 let cost = match variant {
-                    Variant::Zenoh => bare::run(rate_hz, cli.seconds),
-                    Variant::Each | Variant::Batches => gateway::run(*variant, rate_hz, cli.seconds),
-                    Variant::Carried => carried::run(rate_hz, cli.seconds),
-                    Variant::Tunnel => tunnel::run(cli.tunnel.as_deref(), rate_hz, cli.seconds),
+                    Variant::Zenoh => bare::run(rate_hz, seconds),
+                    Variant::Each | Variant::Batches => gateway::run(*variant, rate_hz, seconds),
+                    Variant::Carried => carried::run(rate_hz, seconds),
+                    Variant::Tunnel => tunnel::run(cli.tunnel.as_deref(), rate_hz, seconds),
                 };
                 table.add(round, rate_hz, *variant, cost.map_err(|error| format!("{variant:?}: {error}"))?);
             }
         }
-        eprintln!("round {} of {}", round + 1, cli.rounds);
+        eprintln!("round {} of {rounds}", round + 1);
     }
     eprint!("{table}");
-    if cli.json {
+    if json {
         println!("{}", table.json()?);
     }
     Ok(())
