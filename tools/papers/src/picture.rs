@@ -48,11 +48,6 @@ pub struct Part {
 }
 
 impl Part {
-    /// Creates a figure from the text of its SVG file.
-    pub(crate) fn drawing(name: &'static str, title: &str, caption: &str, svg: &'static str) -> Self {
-        Self { name, title: title.into(), caption: caption.into(), picture: Picture::Drawing(svg) }
-    }
-
     /// Writes `NAME.svg` to a folder. Returns the SVG text.
     pub(crate) fn write(&self, folder: &Path) -> Result<String, PaperError> {
         let svg = self.picture.to_svg().map_err(|cause| PaperError::Draw { picture: self.name, cause })?;
@@ -61,6 +56,20 @@ impl Part {
         Ok(svg)
     }
 }
+
+/// Defines a function for each drawing of a paper: its name, title and caption.
+///
+/// The SVG file is `drawings/PAPER/NAME.svg`.
+macro_rules! drawings {
+    ($paper:literal: $($function:ident = $name:literal, $title:literal, $caption:literal;)+) => {
+        $(pub(super) fn $function() -> $crate::picture::Part {
+            let svg = include_str!(concat!(env!("CARGO_MANIFEST_DIR"), "/drawings/", $paper, "/", $name, ".svg"));
+            let picture = $crate::picture::Picture::Drawing(svg);
+            $crate::picture::Part { name: $name, title: $title.into(), caption: $caption.into(), picture }
+        })+
+    };
+}
+pub(crate) use drawings;
 
 impl Picture {
     /// Returns the text of the SVG file.

@@ -11,7 +11,7 @@ use plotters::style::{BLACK, RGBColor};
 
 use crate::{
     Progress,
-    picture::{Figure, Panel, Part, Picture},
+    picture::{Figure, Panel, Part, Picture, drawings},
     table::Table,
 };
 pub use runs::{Comparison, Rms};
@@ -35,7 +35,7 @@ const PUBLISHED: [(&str, f64, f64, f64); 3] =
 
 /// Returns figures 1 and 2 and the tables.
 pub(crate) fn parts(progress: &mut Progress<'_>) -> Vec<Part> {
-    let mut parts = vec![figure_1()];
+    let mut parts = vec![block_diagram()];
     for (name, title, sensors) in FIGURES {
         parts.push(figure(name, title, sensors));
         progress.step();
@@ -53,13 +53,11 @@ pub(crate) fn parts(progress: &mut Progress<'_>) -> Vec<Part> {
     parts
 }
 
-fn figure_1() -> Part {
-    Part::drawing(
-        "figure-1",
+drawings! {
+    "s3":
+    block_diagram = "figure-1",
         "Figure 1: block diagram of the filter",
-        "Stages madgwick and madgwick-improved. Here q_g is the exact rotation from the gyro slot, of which (1) is a first-order (Euler) step.",
-        include_str!("../../drawings/s3/figure-1.svg"),
-    )
+        "Stages madgwick and madgwick-improved. Here q_g is the exact rotation from the gyro slot, of which (1) is a first-order (Euler) step.";
 }
 
 /// Returns quaternions over time. The sign of each quaternion is chosen so that it is close to the
