@@ -8,7 +8,7 @@
 //! Output: records.
 //!
 //! Failure: a malformed line yields an error with its position, and reading continues with the next
-//! line. If the file is damaged, reading ends at the damage ([`CsvReader::damage`]).
+//! line. If the file is damaged, reading ends at the damage ([`CsvReader::into_notes`]).
 
 use std::{
     cell::Cell,
@@ -104,14 +104,43 @@ impl CsvReader {
         Ok(Some(CsvRecord { reader: self, line, row }))
     }
 
-    /// Returns the description of the damage at which reading ended, if any.
-    pub(crate) fn damage(&self) -> Option<&ForeignText> {
-        self.lines.damage.as_ref()
+    /// Returns the notes on the file once it has been read to its end.
+    ///
+    /// # Errors
+    ///
+    /// Returns the error of the first malformed row if no row is valid.
+    pub(crate) fn into_notes(self, counts: RowCounts) -> Result<Vec<Note>, ImportError> {
+        let mut notes = Vec::new();
+        if let Some(found) = self.lines.damage {
+            let file = foreign::path(Path::new(self.path.file_name().unwrap_or_default()));
+            notes.push(Note::DamagedFile { file, found });
+        }
+        // The last number of a row without a line end may be truncated.
+        notes.extend(self.lines.unended_row.map(|line| Note::UnendedRow { line }));
+        match counts.first_error {
+            Some(error) if counts.valid == 0 => return Err(error),
+            Some(ImportError::Malformed { position, found, expected, .. }) => {
+                let TextPosition { line, .. } = *position;
+                notes.push(Note::MalformedRows { count: counts.malformed, line, found, expected });
+            }
+            _ => {}
+        }
+        Ok(notes)
     }
+}
 
-    /// Returns a note if the last row has no line end, because its last number may be truncated.
-    pub(crate) fn unended_row(&self) -> Option<Note> {
-        self.lines.unended_row.map(|line| Note::UnendedRow { line })
+/// Numbers of the rows of a file.
+#[derive(Default)]
+pub(crate) struct RowCounts {
+    pub(crate) valid: u64,
+    pub(crate) malformed: u64,
+    first_error: Option<ImportError>,
+}
+
+impl RowCounts {
+    pub(crate) fn add_malformed(&mut self, error: ImportError) {
+        self.malformed += 1;
+        self.first_error.get_or_insert(error);
     }
 }
 

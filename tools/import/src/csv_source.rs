@@ -26,8 +26,8 @@ use recording::{RecordingError, Reference};
 
 use crate::{
     Format, ImportError, Mapping, Note,
-    csv_reader::{CsvReader, CsvRecord},
-    error::{TextPosition, open_error},
+    csv_reader::{CsvReader, CsvRecord, RowCounts},
+    error::open_error,
     row_writer::Sample,
     row_writer::{Attitude, Samples},
     source::{Inertial, Motion, ReceiverFix, Source, Survey},
@@ -80,7 +80,7 @@ impl CsvSource {
     ) -> Result<(), ImportError> {
         let is_rate_file = self.groups.rate.path == path;
         let mut reader = CsvReader::open(path, &self.files.read_bytes)?;
-        let (mut rows, mut malformed_rows, mut first_error) = (0u64, 0, None);
+        let mut counts = RowCounts::default();
         for count in 0u64.. {
             if count.is_multiple_of(PROGRESS_INTERVAL_ROWS) {
                 progress(self.files.read_bytes());
@@ -93,7 +93,7 @@ impl CsvSource {
             };
             match checked {
                 Ok((time, has_rate)) => {
-                    rows += 1;
+                    counts.valid += 1;
                     if let (Some(time), true, true) = (time, is_rate_file, has_rate) {
                         let period_ns = || match (time, self.time_bits) {
                             (Time::OfDay(_), _) => Some(DAY_NS),
@@ -107,27 +107,12 @@ impl CsvSource {
                         finder.push(time.ns());
                     }
                 }
-                Err(error) => {
-                    malformed_rows += 1;
-                    first_error = first_error.or(Some(error));
-                }
+                Err(error) => counts.add_malformed(error),
             }
         }
         progress(self.files.read_bytes());
-        if let Some(found) = reader.damage() {
-            let file = foreign::path(Path::new(path.file_name().unwrap_or_default()));
-            survey.notes.push(Note::DamagedFile { file, found: found.clone() });
-        }
-        survey.notes.extend(reader.unended_row());
-        match first_error {
-            Some(error) if rows == 0 => return Err(error),
-            Some(ImportError::Malformed { position, found, expected, .. }) => {
-                let TextPosition { line, .. } = *position;
-                survey.notes.push(Note::MalformedRows { count: malformed_rows, line, found, expected });
-                survey.unreadable_rows += if is_rate_file { malformed_rows } else { 0 };
-            }
-            _ => {}
-        }
+        survey.unreadable_rows += if is_rate_file { counts.malformed } else { 0 };
+        survey.notes.extend(reader.into_notes(counts)?);
         Ok(())
     }
 

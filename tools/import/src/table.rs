@@ -21,8 +21,7 @@ use mapping::{Mapping, text::without_unit};
 
 use crate::{
     ImportError, Note,
-    csv_reader::{CsvReader, CsvRecord},
-    error::TextPosition,
+    csv_reader::{CsvReader, CsvRecord, RowCounts},
 };
 
 const NS_PER_S: u64 = 1_000_000_000;
@@ -70,7 +69,7 @@ pub fn convert_table(path: &Path, table: Table, out: &Path) -> Result<Vec<Note>,
     let mut output = BufWriter::new(File::create(out).map_err(failed)?);
     let header: Vec<&str> = columns.iter().map(|(column, _)| *column).collect();
     writeln!(output, "{}", header.join(",")).map_err(failed)?;
-    let (mut rows, mut malformed_rows, mut first_error) = (0u64, 0, None);
+    let mut counts = RowCounts::default();
     loop {
         let row = match reader.next() {
             Ok(None) => break,
@@ -79,32 +78,15 @@ pub fn convert_table(path: &Path, table: Table, out: &Path) -> Result<Vec<Note>,
         };
         match row {
             Ok(row) => {
-                rows += 1;
+                counts.valid += 1;
                 writeln!(output, "{row}").map_err(failed)?;
             }
-            Err(error @ ImportError::Malformed { .. }) => {
-                malformed_rows += 1;
-                first_error = first_error.or(Some(error));
-            }
+            Err(error @ ImportError::Malformed { .. }) => counts.add_malformed(error),
             Err(error) => return Err(error),
         }
     }
     output.flush().map_err(failed)?;
-    let mut notes = Vec::new();
-    if let Some(found) = reader.damage() {
-        let file = foreign::path(Path::new(path.file_name().unwrap_or_default()));
-        notes.push(Note::DamagedFile { file, found: found.clone() });
-    }
-    notes.extend(reader.unended_row());
-    match first_error {
-        Some(error) if rows == 0 => return Err(error),
-        Some(ImportError::Malformed { position, found, expected, .. }) => {
-            let TextPosition { line, .. } = *position;
-            notes.push(Note::MalformedRows { count: malformed_rows, line, found, expected });
-        }
-        _ => {}
-    }
-    Ok(notes)
+    reader.into_notes(counts)
 }
 
 /// Returns `true` if `name`, a column name in the file, denotes the recording column `column`.
