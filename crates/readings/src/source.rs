@@ -48,6 +48,20 @@ impl Reading {
             self.sensors().without_negative_zero();
         Self { t_ns, rate_rad_s, force_m_s2, field_ut, fix, reference: self.reference }
     }
+
+    /// Converts a reading of a simulation at the time `t_s`. `scored` is set if its reference is
+    /// compared with estimates.
+    pub fn simulated(t_s: f64, reading: scenario::Reading, scored: bool) -> Self {
+        let q = reading.truth.attitude.quaternion();
+        Self {
+            t_ns: (t_s * 1e9).round() as i64,
+            rate_rad_s: reading.rate_rad_s.into(),
+            force_m_s2: reading.force_m_s2.into(),
+            field_ut: reading.field_ut.map(Into::into),
+            fix: reading.fix.map(Into::into),
+            reference: Some(Truth { quaternion: [q.w, q.i, q.j, q.k], scored }),
+        }
+    }
 }
 
 impl From<Row> for Reading {
@@ -133,16 +147,7 @@ impl Iterator for Readings {
             Self::Sim { sensors, rate_hz, count } => {
                 let t_s = *count as f64 / *rate_hz;
                 *count += 1;
-                let reading = sensors.read(t_s);
-                let q = reading.truth.attitude.quaternion();
-                Some(Ok(Reading {
-                    t_ns: (t_s * 1e9).round() as i64,
-                    rate_rad_s: reading.rate_rad_s.into(),
-                    force_m_s2: reading.force_m_s2.into(),
-                    field_ut: reading.field_ut.map(Into::into),
-                    fix: reading.fix.map(Into::into),
-                    reference: Some(Truth { quaternion: [q.w, q.i, q.j, q.k], scored: true }),
-                }))
+                Some(Ok(Reading::simulated(t_s, sensors.read(t_s), true)))
             }
             Self::Replay(recorded) => Some(recorded.next()?.map_err(SourceError::from)),
         }

@@ -13,7 +13,7 @@ use std::path::{Path, PathBuf};
 use attitude::gyro::RateKind;
 use foreign::ForeignText;
 use launch::GyroSamples;
-use readings::source::{Reading, RecordedReadings, Truth};
+use readings::source::{Reading, RecordedReadings};
 use recording::{RecordingError, References, gnss, survey};
 use scenario::Scenario;
 
@@ -193,15 +193,9 @@ pub(crate) fn validate_references(file: &Path) -> Result<(), RecordingError> {
 fn simulated(scenario: &Scenario, with_fixes: bool, with_field: bool) -> impl Iterator<Item = Reading> + use<> {
     let scored_from_s = scenario.scored_from_s;
     scenario.readings().map(move |(t_s, reading)| {
-        let q = reading.truth.attitude.quaternion();
-        Reading {
-            t_ns: (t_s * 1e9).round() as i64,
-            rate_rad_s: reading.rate_rad_s.into(),
-            force_m_s2: reading.force_m_s2.into(),
-            field_ut: reading.field_ut.filter(|_| with_field).map(Into::into),
-            fix: reading.fix.filter(|_| with_fixes).map(Into::into),
-            reference: Some(Truth { quaternion: [q.w, q.i, q.j, q.k], scored: t_s >= scored_from_s }),
-        }
+        let reading = Reading::simulated(t_s, reading, t_s >= scored_from_s);
+        let (field_ut, fix) = (reading.field_ut.filter(|_| with_field), reading.fix.filter(|_| with_fixes));
+        Reading { field_ut, fix, ..reading }
     })
 }
 
