@@ -219,5 +219,5 @@ pub(crate) fn logs(Logs { system, follow }: Logs) -> Outcome {
 }
 
 fn log_path(name: &str) -> Option<PathBuf> {
-    Some(supervisor::state_folder()?.join(format!("{name}.log")))
+    Some(runtime::machine::state_folder()?.join(format!("{name}.log")))
 }

@@ -26,6 +26,7 @@
 //! | [`comparable`] | attitude of an output, for comparison |
 //! | [`shadow`] | comparison of a candidate with the owner of its slot |
 //! | [`stage`] | creation and supervision of the stage named in a launch file |
+//! | [`machine`] | state folder and boot ID |
 //! | [`clock`] | monotonic clock and processor time |
 #![forbid(unsafe_code)]
 
@@ -39,6 +40,7 @@ mod error;
 pub mod frames;
 pub mod input_scheduling;
 pub mod join;
+pub mod machine;
 pub mod ordered_subscriber;
 pub mod prior;
 pub mod service;

@@ -7,7 +7,7 @@ use launch::{GyroSamples, Launch, MAX_TOPIC_MESSAGES, Source};
 use serde::{Deserialize, Serialize};
 pub use swap::{FIRST_EPOCH, Resume, Role};
 
-use crate::prior::Prior;
+use crate::{machine::boot_id, prior::Prior};
 
 /// Speed of the source.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
@@ -74,9 +74,8 @@ impl ServiceConfig {
     /// Returns a number that is unique to this run of the system. It is derived from the boot
     /// identifier and from the process identifier and start time of the supervisor.
     pub fn run_id(&self) -> u64 {
-        let read = |path: &str| fs::read_to_string(path).unwrap_or_default();
-        let boot = read("/proc/sys/kernel/random/boot_id");
-        let stat = read(&format!("/proc/{}/stat", self.supervisor_pid));
+        let boot = boot_id();
+        let stat = fs::read_to_string(format!("/proc/{}/stat", self.supervisor_pid)).unwrap_or_default();
         // The process name may contain any character, so the fields are counted from its closing
         // parenthesis. The start time is the 20th field after it.
         let start = stat.rsplit_once(')').and_then(|(_, rest)| rest.split_whitespace().nth(19)).unwrap_or_default();

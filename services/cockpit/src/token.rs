@@ -10,13 +10,13 @@
 //! fragment, which a browser never sends. The page keeps the token for the lifetime of its tab.
 
 use std::{
-    env,
     fs::{self, DirBuilder, File, OpenOptions},
     io::{self, Read as _, Write as _},
     os::unix::fs::{DirBuilderExt as _, MetadataExt as _, OpenOptionsExt as _},
     path::{Path, PathBuf},
 };
 
+use runtime::machine::state_folder;
 use rustix::rand::{GetRandomFlags, getrandom};
 
 /// Number of random bytes in a token.
@@ -229,18 +229,8 @@ fn hex(bytes: &[u8]) -> String {
 
 /// Returns the folder for the state files of a system.
 fn system_folder(system: &str) -> Result<PathBuf, TokenError> {
-    let folder = state_folder(|name| env::var_os(name).map(PathBuf::from)).ok_or(TokenError::NoFolder)?;
+    let folder = state_folder().ok_or(TokenError::NoFolder)?;
     Ok(folder.join(system))
-}
-
-/// Returns the folder for state files: the one set by systemd, if any, otherwise the one defined by
-/// the XDG base directory specification.
-fn state_folder(variable: impl Fn(&str) -> Option<PathBuf>) -> Option<PathBuf> {
-    let absolute = |name| variable(name).filter(|path: &PathBuf| path.is_absolute());
-    // systemd separates several folders by colons. The first one is used.
-    let systemd = variable("STATE_DIRECTORY").and_then(|all| env::split_paths(&all).next());
-    let user = || absolute("XDG_STATE_HOME").or_else(|| absolute("HOME").map(|home| home.join(".local/state")));
-    systemd.filter(|path| path.is_absolute()).or_else(|| user().map(|folder| folder.join("plumbline")))
 }
 
 #[cfg(test)]
@@ -294,20 +284,5 @@ mod tests {
                 .to_string()
                 .contains("not contain a token")
         );
-    }
-
-    #[test]
-    fn state_folder_prefers_systemd_then_xdg_then_home() {
-        let folder_for = |set: &[(&str, &str)]| {
-            let found = state_folder(|name| set.iter().find(|(own, _)| *own == name).map(|(_, value)| value.into()));
-            found.map(|path| path.display().to_string())
-        };
-        assert_eq!(folder_for(&[("STATE_DIRECTORY", "/var/lib/a:/b"), ("HOME", "/h")]).as_deref(), Some("/var/lib/a"));
-        assert_eq!(folder_for(&[("XDG_STATE_HOME", "/s"), ("HOME", "/h")]).as_deref(), Some("/s/plumbline"));
-        assert_eq!(
-            folder_for(&[("XDG_STATE_HOME", "s"), ("HOME", "/h")]).as_deref(),
-            Some("/h/.local/state/plumbline")
-        );
-        assert_eq!(folder_for(&[]), None);
     }
 }

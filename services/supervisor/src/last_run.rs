@@ -15,18 +15,17 @@ use std::{
     time::{Duration, Instant, SystemTime, UNIX_EPOCH},
 };
 
+use runtime::machine::{boot_id, state_folder};
 use serde::{Deserialize, Serialize};
 use time::UtcDateTime;
 
-use crate::warm::{file, state_folder};
+use crate::warm::file;
 
 /// Interval between two refreshes: a compromise between the uncertainty of the time of death and
 /// the wear of a memory card.
 const REFRESH_INTERVAL: Duration = Duration::from_secs(10);
 /// State folder of plumbline.service, which other users may inspect.
 const SERVICE_FOLDER: &str = "/var/lib/plumbline";
-/// Kernel file with an identifier that changes at each boot.
-const BOOT_ID: &str = "/proc/sys/kernel/random/boot_id";
 
 /// Record of the run of this process.
 #[derive(Debug)]
@@ -176,10 +175,6 @@ impl fmt::Display for DisplayTime {
 
 fn file_name(system: &str) -> String {
     format!("{system}.run")
-}
-
-fn boot_id() -> String {
-    fs::read_to_string(BOOT_ID).unwrap_or_default().trim().to_owned()
 }
 
 fn unix_s(time: SystemTime) -> u64 {

@@ -56,7 +56,6 @@ pub use plan::{Plan, Request};
 pub use replayed_flight::Flight;
 pub use report::{RecordingReport, Report};
 pub use terminal::announce;
-pub use warm::state_folder;
 
 /// Runs a system to completion.
 ///

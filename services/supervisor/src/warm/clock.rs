@@ -4,6 +4,7 @@
 
 use std::{fs, path::Path};
 
+use runtime::machine::boot_id;
 use rustix::time::{ClockId, clock_gettime};
 use serde::{Deserialize, Serialize};
 
@@ -41,9 +42,8 @@ pub(super) enum Age {
 impl Timestamp {
     pub(super) fn now() -> Self {
         let unix_s = seconds(ClockId::Realtime);
-        let boot = fs::read_to_string("/proc/sys/kernel/random/boot_id").unwrap_or_default();
         Self {
-            boot: boot.trim().into(),
+            boot: boot_id(),
             since_boot_s: seconds(ClockId::Boottime),
             unix_s,
             is_set: is_set(Path::new("/"), unix_s),

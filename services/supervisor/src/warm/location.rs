@@ -1,8 +1,9 @@
 //! Determines which runs have a state file, and the path of the file.
 
-use std::{env, ffi::OsString, path::PathBuf};
+use std::path::PathBuf;
 
 use launch::{Launch, Service, Source, StateFile};
+use runtime::machine::state_folder;
 
 /// Returns the path of the state file, or `None` for a run that must not depend on earlier runs.
 ///
@@ -28,40 +29,9 @@ fn file_name(launch: &Launch) -> String {
     format!("{}.state", launch.name)
 }
 
-/// Returns the folder for files that outlast a run, or `None` if the environment names none.
-pub fn state_folder() -> Option<PathBuf> {
-    state_directory(|name| env::var_os(name))
-}
-
-/// Returns the folder for state files: the one given by systemd, else that of the XDG base
-/// directory specification.
-fn state_directory(variable: impl Fn(&str) -> Option<OsString>) -> Option<PathBuf> {
-    let absolute = |name| variable(name).map(PathBuf::from).filter(|path| path.is_absolute());
-    // systemd separates multiple folders by colons. The first one is used.
-    let systemd = variable("STATE_DIRECTORY").and_then(|all| env::split_paths(&all).next());
-    let user = || absolute("XDG_STATE_HOME").or_else(|| absolute("HOME").map(|home| home.join(".local/state")));
-    systemd.filter(|path| path.is_absolute()).or_else(|| user().map(|folder| folder.join("plumbline")))
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    #[test]
-    fn state_directory_prefers_systemd_then_user() {
-        type Case<'a> = (&'a [(&'a str, &'a str)], Option<&'a str>);
-        let cases: &[Case<'_>] = &[
-            (&[("STATE_DIRECTORY", "/var/lib/plumbline"), ("HOME", "/home/a")], Some("/var/lib/plumbline")),
-            (&[("STATE_DIRECTORY", "/var/lib/a:/var/lib/b")], Some("/var/lib/a")),
-            (&[("XDG_STATE_HOME", "/s"), ("HOME", "/home/a")], Some("/s/plumbline")),
-            (&[("XDG_STATE_HOME", "relative"), ("HOME", "/home/a")], Some("/home/a/.local/state/plumbline")),
-            (&[], None),
-        ];
-        for (variables, expected) in cases {
-            let variable = |name: &str| variables.iter().find(|(key, _)| *key == name).map(|(_, value)| value.into());
-            assert_eq!(state_directory(variable), expected.map(PathBuf::from), "{variables:?}");
-        }
-    }
 
     #[test]
     fn state_file_requires_live_run_and_named_file_for_sim() {
@@ -77,6 +47,6 @@ mod tests {
         assert_eq!(state_file_path(&launch(""), true), None, "simulation by default");
         assert_eq!(state_file_path(&launch("state_file = \"off\"\ningest.source = \"bus\""), true), None);
         let of_a_sensor = state_file_path(&launch("name = \"wing\"\ningest.source = \"bus\""), true);
-        assert_eq!(of_a_sensor, state_directory(|name| env::var_os(name)).map(|folder| folder.join("wing.state")));
+        assert_eq!(of_a_sensor, state_folder().map(|folder| folder.join("wing.state")));
     }
 }

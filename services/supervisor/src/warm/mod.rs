@@ -29,7 +29,6 @@ use messages::Checkpoint;
 use runtime::Prior;
 
 pub(crate) use location::state_file_path;
-pub use location::state_folder;
 use {clock::Timestamp, file::FileError, record::StateError, writer::StateWriter};
 
 use crate::{Plan, error::UpError};
