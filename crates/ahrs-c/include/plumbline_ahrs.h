@@ -679,9 +679,10 @@ PlumblineStatus plumbline_ahrs_init(const struct PlumblineBuilder *builder,
 
  `gyro_rad_s`: body rate, 3 numbers, rad/s. `accel_m_s2`: specific force, 3 numbers, m/s^2.
  `field_ut`: magnetic field, 3 numbers, microtesla, or null for the newest field that
- plumbline_ahrs_update_mag() has stored since the previous sample, if any. `dt_s`: time since the previous sample, s; a value that is 0, negative or not finite marks a late or
- repeated sample. `attitude`: receives the attitude after the sample in the native frame, or is
- null. A missing value is NaN. If the sample is rejected, the attitude is unchanged.
+ plumbline_ahrs_update_mag() has stored since the previous sample, if any. `dt_s`: time since the
+ previous sample, s; a value that is 0, negative or not finite marks a late or repeated sample.
+ `attitude`: receives the attitude after the sample in the native frame, or is null. A missing
+ value is NaN. If the sample is rejected, the attitude is unchanged.
  */
 PlumblineStatus plumbline_ahrs_update(struct PlumblineAhrs *ahrs,
                                       const double *gyro_rad_s,
