@@ -4,7 +4,7 @@
 use std::path::{Path, PathBuf};
 
 use clap::Args;
-use launch::{Launch, LaunchError};
+use launch::{Gateway, Launch, LaunchError};
 
 use crate::remote::RemoteEndpoint;
 
@@ -80,8 +80,8 @@ pub(crate) struct SystemArgs {
 /// Selection of the endpoint of remote vehicles.
 #[derive(Args)]
 pub(crate) struct EndpointArgs {
-    /// Gateway or router endpoint, repeatable [default: tcp/127.0.0.1:7447]
-    #[arg(long, value_name = "ENDPOINT")]
+    /// Gateway or router endpoint, repeatable
+    #[arg(long, value_name = "ENDPOINT", default_values_t = Gateway::default().listen)]
     connect: Vec<String>,
     /// Folder of `plumb keys` with the certificate for quic/ endpoints
     #[arg(long, value_name = "FOLDER")]

@@ -7,6 +7,8 @@ use serde::de::DeserializeOwned;
 
 use crate::Failure;
 
+// Arguments of a benchmark that measures variants in rounds. A doc comment would replace the
+// description of the benchmark in its help.
 #[derive(Args)]
 #[allow(dead_code, reason = "the benchmark `fleet` has no rounds")]
 pub(crate) struct RoundArgs {

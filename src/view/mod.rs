@@ -49,8 +49,7 @@ pub(crate) struct View {
     remote: Option<Option<String>>,
     #[command(flatten)]
     endpoint: EndpointArgs,
-    /// Address to listen on, or its next free port [default: 127.0.0.1:8088]
-    #[arg(long, value_name = "ADDRESS", value_parser = parse_address)]
+    #[arg(long, value_name = "ADDRESS", value_parser = parse_address, help = listen_help())]
     listen: Option<SocketAddr>,
     /// Folder created by `plumb keys vehicle NAME --host HOST`, for TLS
     #[arg(long, value_name = "FOLDER")]
@@ -171,7 +170,8 @@ impl View {
         if self.tls.is_none() && !listen.ip().is_loopback() {
             return Err(Failure::new(
                 format_args!(
-                    "cannot listen at {listen} without --tls, because other hosts could connect; use a folder created by `plumb keys vehicle NAME --host HOST`, or forward the port with `ssh -L 8088:127.0.0.1:8088 HOST`"
+                    "cannot listen at {listen} without --tls, because other hosts could connect; use a folder created by `plumb keys vehicle NAME --host HOST`, or forward the port with {}",
+                    Cockpit::forward_command()
                 ),
                 2,
             ));
@@ -188,6 +188,10 @@ impl View {
     }
 }
 
+fn listen_help() -> String {
+    format!("Address to listen on, or its next free port [default: {}]", Cockpit::default().listen)
+}
+
 fn parse_address(text: &str) -> Result<SocketAddr, String> {
-    text.parse().map_err(|_| "expected an IP address with a port, as in 127.0.0.1:8088".into())
+    text.parse().map_err(|_| format!("expected an IP address with a port, as in {}", Cockpit::default().listen))
 }

@@ -58,8 +58,9 @@ impl<F: FuserStage> Ahrs<F> {
     ///
     /// - `gyro_rad_s`: body rate, rad/s.
     /// - `accel_m_s2`: specific force, m/s²; points up at rest.
-    /// - `field_ut`: magnetic field, µT, or `None` without a new sample. A field that equals the
-    ///   previous one counts as repeated and is not used twice.
+    /// - `field_ut`: magnetic field, µT, or `None` for the newest field that `update_mag` has
+    ///   stored since the previous sample, if any. A field that equals the previous one counts as
+    ///   repeated and is not used twice.
     /// - `dt_s`: time since the previous sample, s. A value that is 0, negative or not finite marks
     ///   a late or repeated sample. The first sample only starts the clock.
     ///

@@ -59,13 +59,6 @@ pub struct Ranges {
     pub field_ut: Option<f64>,
 }
 
-/// Factory settings: ±16 g, ±2000 °/s, 0.1 µT.
-impl Default for Ranges {
-    fn default() -> Self {
-        Self { force_g: 16.0, rate_deg_s: 2000.0, field_ut: Some(0.1) }
-    }
-}
-
 impl WitMotion {
     /// Creates the format of a device with these ranges.
     pub fn new(ranges: Ranges) -> Self {

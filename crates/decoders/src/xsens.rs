@@ -10,7 +10,7 @@
 //! | 0x1060 | SampleTimeFine, 32-bit counter at 10 kHz | timestamp, wraps after 4.97 days |
 //! | 0x8020 | rate of turn, rad/s | body rate |
 //! | 0x4020 | acceleration, m/s² | specific force, up at rest |
-//! | 0xC020 | magnetic field, in arbitrary units | magnetic field; one unit is the field strength at Xsens's calibration site, [`FIELD_UT`] |
+//! | 0xC020 | magnetic field, in arbitrary units | magnetic field; one unit is the field strength at Xsens's calibration site, 0.49 gauss (Xsens knowledge base) |
 //! | 0x8040, 0x4040 | high-rate rate of turn and acceleration | used if 0x8020 or 0x4020 is not in the message |
 //! | others | angles, positions, status … | counted |
 //!
@@ -35,9 +35,6 @@ const EXTENDED_LENGTH: u8 = 0xff;
 const MAX_LENGTH_BYTES: usize = 2048;
 const COUNTS_PER_S: u64 = 10_000;
 const NS_PER_COUNT: u64 = 1_000_000_000 / COUNTS_PER_S;
-/// Magnetic field strength in µT that one arbitrary unit of Xsens represents. It is 0.49 gauss, the
-/// field strength at Xsens's calibration site (Xsens knowledge base).
-pub const FIELD_UT: f64 = 49.0;
 
 const SAMPLE_TIME_FINE: u16 = 0x1060;
 const RATE: [u16; 2] = [0x8020, 0x8040];
@@ -54,7 +51,7 @@ pub struct Xsens {
 
 impl Xsens {
     /// Creates the format of a device. `field_ut` is the magnetic field strength in µT that one
-    /// magnetometer unit represents, usually [`FIELD_UT`].
+    /// magnetometer unit represents.
     pub fn new(field_ut: f64) -> Self {
         Self { field_ut }
     }

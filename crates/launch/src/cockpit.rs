@@ -49,18 +49,15 @@ keys! {
 }
 
 impl Cockpit {
-    /// Returns a description of valid addresses for error messages.
-    pub fn expected_address() -> String {
+    /// Returns a command that forwards the default port from another host.
+    pub fn forward_command() -> String {
         let address = Self::default().listen;
-        let port = address.port();
-        format!(
-            "a loopback address such as {address}, or any address with tls; for remote access use `ssh -L {port}:{address} HOST`"
-        )
+        format!("`ssh -L {}:{address} HOST`", address.port())
     }
 
     /// Parses a listen address. Returns `None` if it is invalid, or if it is not a loopback address
     /// and there is no TLS.
-    pub fn parse_address(text: &str, has_tls: bool) -> Option<SocketAddr> {
+    fn parse_address(text: &str, has_tls: bool) -> Option<SocketAddr> {
         text.parse().ok().filter(|address: &SocketAddr| has_tls || address.ip().is_loopback())
     }
 
@@ -91,7 +88,12 @@ impl CockpitTls {
 fn listen(section: &mut Section<'_, '_>, key: Key, out: &mut SocketAddr) {
     let (has_tls, default) = (section.has("tls"), out.to_string());
     let parse = |text: &str| Cockpit::parse_address(text, has_tls);
-    section.text(key, &Cockpit::expected_address(), parse, Some(default), out);
+    let expected = format!(
+        "a loopback address such as {}, or any address with tls; for remote access use {}",
+        Cockpit::default().listen,
+        Cockpit::forward_command()
+    );
+    section.text(key, &expected, parse, Some(default), out);
 }
 
 /// Returns `true` for an origin as browsers send it: a scheme with optional host and port, in lower

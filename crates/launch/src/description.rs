@@ -55,7 +55,7 @@ pub struct KeyDescription {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::{DEFAULT_RATE_HZ, Launch, describe};
+    use crate::{DEFAULT_IIO_RATE_HZ, DEFAULT_RATE_HZ, Launch, MAX_FAULTS, MIN_TOPIC_MESSAGES, describe};
 
     /// Returns the text of a section: its header, `condition` and `lines`.
     fn section(section: &SectionDescription, condition: &str, lines: &str) -> String {
@@ -104,12 +104,19 @@ mod tests {
     }
 
     #[test]
-    fn documented_buffer_rate_is_the_one_used() {
+    fn documented_numbers_are_those_used() {
         let sections = describe();
-        let rates =
-            sections.iter().flat_map(|section| &section.keys).filter(|key| key.doc.contains("buffers are made"));
-        let documented: Vec<_> = rates.map(|key| key.doc.contains(&format!("{DEFAULT_RATE_HZ} Hz"))).collect();
-        assert!(documented.len() > 1 && documented.iter().all(|is_right| *is_right), "{documented:?}");
+        let keys = sections.iter().flat_map(|section| &section.keys).map(|key| &key.doc);
+        let docs: Vec<_> = sections.iter().map(|section| &section.doc).chain(keys).collect();
+        for (words, number) in [
+            ("buffers are made for", format!("{DEFAULT_RATE_HZ} Hz")),
+            ("is measured", format!("{DEFAULT_IIO_RATE_HZ} Hz with `iio`")),
+            ("opens the topic with a buffer", format!("at least {MIN_TOPIC_MESSAGES}.")),
+            ("Injected fault", format!("At most {MAX_FAULTS} are")),
+        ] {
+            let wrong: Vec<_> = docs.iter().filter(|doc| doc.contains(words) && !doc.contains(&number)).collect();
+            assert!(wrong.is_empty() && docs.iter().any(|doc| doc.contains(words)), "{number}: {wrong:?}");
+        }
     }
 
     #[test]

@@ -13,12 +13,13 @@ pub(crate) const MAX_ENDPOINTS: usize = 16;
 /// Maximum number of networks in `tunnel`.
 pub(crate) const MAX_TUNNELS: usize = 4;
 /// Endpoint on the loopback interface with Zenoh's usual port.
-pub(crate) const LOOPBACK: &str = "tcp/127.0.0.1:7447";
+pub(crate) const LOOPBACK_ENDPOINT: &str = "tcp/127.0.0.1:7447";
 /// Shortest network prefix accepted for a tunnel. A shorter prefix covers more addresses than any
 /// private network.
 const MIN_PREFIX_BITS: u32 = 8;
 
-/// Checks the endpoints in `listen` and `connect`, and the networks in `tunnel`.
+/// Checks the endpoints in `listen` and `connect`, and the networks in `tunnel`, as they stand in
+/// the file, so that a problem points to them.
 pub(crate) fn check_endpoints(section: &mut Section<'_, '_>) {
     let tunnels = tunnels(section);
     let security = |access| Security { tls: section.has("tls"), access, tunnels: &tunnels };
@@ -60,7 +61,7 @@ fn check(section: &mut Section<'_, '_>, key: &'static str, security: &Security<'
             Some(Endpoint::Plain { host }) if security.tunnels.iter().any(|tunnel| tunnel.contains(host)) => continue,
             Some(Endpoint::Plain { .. }) => {
                 let help = Some(format!(
-                    "use \"quic/…\" with certificates ({CERTIFICATES}), or the loopback ({LOOPBACK:?}); for an encrypted tunnel, list its network in tunnel"
+                    "use \"quic/…\" with certificates ({CERTIFICATES}), or the loopback ({LOOPBACK_ENDPOINT:?}); for an encrypted tunnel, list its network in tunnel"
                 ));
                 Problem {
                     help,
@@ -73,7 +74,7 @@ fn check(section: &mut Section<'_, '_>, key: &'static str, security: &Security<'
                 }
             }
             None => {
-                let note = Some(format!("for example {LOOPBACK:?} or \"quic/station.example:7447\""));
+                let note = Some(format!("for example {LOOPBACK_ENDPOINT:?} or \"quic/station.example:7447\""));
                 Problem {
                     note,
                     ..endpoint_problem(endpoint, key, "is not an endpoint", "expected tcp/HOST:PORT or quic/HOST:PORT")

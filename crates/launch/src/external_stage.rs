@@ -6,7 +6,7 @@ use crate::{
     Slot,
     description::Key,
     keys::keys,
-    kind::{NoKey, Texts, one_of},
+    kind::{NAME, NoKey, Texts, one_of},
     problem::Problem,
     toml_reader::Section,
 };
@@ -70,9 +70,8 @@ fn stage_folder(section: &Section<'_, '_>) -> PathBuf {
 }
 
 fn is_free(section: &mut Section<'_, '_>, name: &str, span: &Range<usize>) -> bool {
-    let legal = |byte: u8| matches!(byte, b'a'..=b'z' | b'0'..=b'9' | b'_' | b'-');
-    if !((1..=32).contains(&name.len()) && name.bytes().all(legal)) {
-        let title = format!("stages: expected a name of 1 to 32 of a-z, 0-9, \"_\" and \"-\", found {name:?}");
+    if (NAME.parse)(name).is_none() {
+        let title = format!("stages: expected a name of {}, found {name:?}", NAME.expected);
         section.report(Problem::new(span.clone(), title, "invalid stage name"));
         return false;
     }

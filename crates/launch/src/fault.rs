@@ -8,6 +8,7 @@ use crate::{
     description::Key,
     keys::{Kind, Named, choices, keys},
     kind::{By, NATURAL, Tables, Vector, choice},
+    live_sources::RATE_RANGE_HZ,
     problem::Problem,
     toml_reader::Section,
 };
@@ -16,8 +17,10 @@ use crate::{
 pub const MAX_FAULTS: usize = 64;
 /// Maximum number of readings held back by [`FaultKind::Delayed`]. It covers the longest delay at
 /// the highest rate.
-pub const MAX_DELAYED_READINGS: usize = 20_000;
+pub const MAX_DELAYED_READINGS: usize = (*DELAY_S.end() * *RATE_RANGE_HZ.end()) as usize;
 
+/// Allowed delays, s.
+const DELAY_S: RangeInclusive<f64> = 0.001..=2.0;
 /// Allowed start and end of a fault, s. The maximum is 11 days.
 const TIME_S: RangeInclusive<f64> = 0.0..=1e6;
 
@@ -32,7 +35,7 @@ keys! {
         /// Start since the first reading, in the source's time.
         from_s: f64 = 0.0, TIME_S, unit "s", example "10.0";
         /// End (exclusive) since the first reading, in the source's time.
-        until_s: f64 = 1e6, TIME_S, unit "s", example "12.0";
+        until_s: f64 = *TIME_S.end(), TIME_S, unit "s", example "12.0";
     }
 }
 
@@ -85,7 +88,7 @@ choices! {
         /// Values are output late.
         Delayed = "delayed" {
             /// Delay.
-            delay_s: f64 = f64::NAN, 0.001..=2.0, unit "s";
+            delay_s: f64 = f64::NAN, DELAY_S, unit "s";
         },
         /// Only randomly selected values are output.
         Intermittent = "intermittent" {

@@ -1,6 +1,6 @@
 //! Connections to other hosts, and the topics sent: `[gateway]`.
 
-use std::{collections::BTreeMap, path::PathBuf};
+use std::{collections::BTreeMap, ops::RangeInclusive, path::PathBuf};
 
 use graph::{Buffer, Topic};
 use serde::{Deserialize, Serialize};
@@ -8,22 +8,25 @@ use toml::de::DeValue;
 
 use crate::{
     description::Key,
-    endpoint::{self, LOOPBACK, MAX_ENDPOINTS, MAX_TUNNELS},
+    endpoint::{self, LOOPBACK_ENDPOINT, MAX_ENDPOINTS, MAX_TUNNELS},
     keys::keys,
-    kind::{By, File, Optional, SYSTEM_NAME, Table, Texts},
+    kind::{By, File, NAME, Optional, Table, Texts},
     split,
     toml_reader::{Section, Values},
 };
+
+/// Allowed rates of a topic, Hz.
+const RATE_RANGE_HZ: RangeInclusive<f64> = 0.1..=10_000.0;
 
 keys! {
     /// Settings of the gateway, which connects the system to other hosts.
     pub struct Gateway {
         /// Vehicle name that other hosts see. If not set, the name of the system.
-        vehicle: Option<String> = None, Optional(SYSTEM_NAME), example r#""drone-7""#;
+        vehicle: Option<String> = None, Optional(NAME), example r#""drone-7""#;
         /// Endpoints to listen on. `tcp/HOST:PORT` is unencrypted and read-only, and is allowed on
         /// the loopback and in a `tunnel`. `quic/HOST:PORT` needs `tls` and `access`. If a port on
         /// the loopback is in use, the next free one is used.
-        listen: Vec<String> = vec![LOOPBACK.into()], Texts::<MAX_ENDPOINTS>;
+        listen: Vec<String> = vec![LOOPBACK_ENDPOINT.into()], Texts::<MAX_ENDPOINTS>;
         /// Endpoints of routers and stations to connect to.
         connect: Vec<String> = Vec::new(), Texts::<MAX_ENDPOINTS>, example r#"["quic/station.example:7447"]"#;
         /// Maximum message rate of a topic. Several samples of a faster topic are combined into one
@@ -76,7 +79,7 @@ keys! {
     #[derive(Eq)]
     pub struct Import {
         /// Vehicle name of the other host's gateway.
-        vehicle: String = String::new(), SYSTEM_NAME, example r#""board""#;
+        vehicle: String = String::new(), NAME, example r#""board""#;
         /// Topics received from the other host.
         topics: Vec<String> = Vec::new(), By(split::topics), example r#"["gyro", "accel", "mag", "gnss"]"#;
     }
@@ -131,7 +134,8 @@ fn rates(out: &mut BTreeMap<String, TopicRate>, section: &mut Section<'_, '_>) {
         let entry = topic.entry();
         // Messages of control topics have no source time, so their rate cannot be reduced.
         let is_timed = entry.buffer != Buffer::Control;
-        let expected = if is_timed { r#""all", "off" or a number of Hz"# } else { r#""all" or "off""# };
+        let number = format!(r#""all", "off" or {} to {} Hz"#, RATE_RANGE_HZ.start(), RATE_RANGE_HZ.end());
+        let expected = if is_timed { &*number } else { r#""all" or "off""# };
         let mut rate = out.remove(entry.name);
         let default = match rate {
             Some(TopicRate::All) => r#""all""#.into(),
@@ -141,7 +145,7 @@ fn rates(out: &mut BTreeMap<String, TopicRate>, section: &mut Section<'_, '_>) {
         let key = Key { name: entry.name, doc: "", unit: "", example: "" };
         section.value(key, Values::new(expected, Some(default)), &mut rate, |section, value| match value.get_ref() {
             DeValue::Integer(_) | DeValue::Float(_) if is_timed => {
-                section.number(entry.name, value, &(0.1..=10_000.0)).map(|hz| Some(TopicRate::Hz(hz)))
+                section.number(entry.name, value, &RATE_RANGE_HZ).map(|hz| Some(TopicRate::Hz(hz)))
             }
             _ => section.parse(entry.name, value, expected, |text| match text {
                 "all" => Some(Some(TopicRate::All)),

@@ -1,6 +1,6 @@
 //! Source of the samples, and their limits: `[ingest]`.
 
-use attitude::gyro::RateKind;
+use attitude::{conditioner::Limits, gyro::RateKind, parameters::Parameters as _};
 use scenario::{Motion, PARAMETERS, Parameter, Scenario, ScenarioError};
 use serde::{Deserialize, Serialize};
 use std::{collections::BTreeMap, path::PathBuf};
@@ -9,7 +9,7 @@ use crate::{
     description::Key,
     fault::{self, Fault},
     keys::{Kind, choices, keys},
-    kind::{By, File, FileOr, Flag, Inline, NATURAL, Optional, Table, choice, one_of},
+    kind::{By, File, FileOr, Flag, Inline, NATURAL, Optional, Table, choice, one_of, read_parameters},
     live_sources::{DEFAULT_RATE_HZ, LiveSources, Port, RATE_RANGE_HZ, Stream},
     problem::Problem,
     sensors::{self, Calibrations, GyroSamples, IDENTITY},
@@ -34,7 +34,7 @@ keys! {
         /// Settings of sources that send in real time.
         live: LiveSources = LiveSources::default(), Inline(LiveSources::read_keys);
         /// Limits beyond which samples are flagged.
-        limits: Limits = Limits::default(), Table(Limits::read_keys);
+        limits: Limits = Limits::default(), Table(limits);
         /// Calibration of each sensor, in sensor axes.
         calibration: Calibrations = Calibrations::default(), Table(Calibrations::read_keys);
         /// Rotation from sensor axes to body axes, by `axes`, angles, a quaternion or a matrix.
@@ -158,20 +158,12 @@ keys! {
     }
 }
 
-keys! {
-    /// Limits beyond which samples are flagged.
-    pub struct Limits {
-        /// Rate at and beyond which a sample is flagged as clipped.
-        rate_max_deg_s: f64 = 2000.0, 1.0..=100_000.0, unit "°/s";
-        /// Specific force at and beyond which a sample is flagged as clipped.
-        force_max_g: f64 = 16.0, 0.1..=10_000.0, unit "g";
-        /// Longest interval between samples that is not flagged as a gap.
-        gap_s: f64 = 0.1, 0.001..=10.0, unit "s";
-        /// Time after which a sensor with constant output is flagged as stuck.
-        stuck_s: f64 = 0.5, 0.01..=60.0, unit "s";
-        /// Component of the magnetic field at and beyond which the field sample is rejected.
-        field_max_ut: f64 = 2000.0, 1.0..=1e6, unit "µT";
-    }
+/// Reads the limits, which `attitude` declares with the checks.
+fn limits(out: &mut Limits, section: &mut Section<'_, '_>) {
+    read_parameters(section, Limits::TABLE, |name, value| {
+        // The value is within the range of the parameter, so it is accepted.
+        let _ = out.set(name, value);
+    });
 }
 
 choices! {
@@ -256,7 +248,7 @@ impl Ingest {
     }
 
     /// Returns the sample rate in Hz for which buffers are made. It is the declared rate, or else
-    /// 1000 Hz.
+    /// [`DEFAULT_RATE_HZ`].
     pub fn nominal_rate_hz(&self) -> f64 {
         self.declared_rate_hz().unwrap_or(DEFAULT_RATE_HZ)
     }

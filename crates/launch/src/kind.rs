@@ -5,6 +5,7 @@ use std::{
     path::PathBuf,
 };
 
+use attitude::parameters::Parameter;
 use toml::{Spanned, de::DeValue, value::Datetime};
 
 use crate::{
@@ -132,8 +133,8 @@ pub(crate) const fn text(expected: &'static str, accepts: fn(&str) -> Option<Str
     Text { expected, parse: accepts, show: |text| Some(text.clone()).filter(|text| !text.is_empty()) }
 }
 
-/// The name of a system or vehicle.
-pub(crate) const SYSTEM_NAME: Text<String> = text(r#"1 to 32 of a-z, 0-9, "_" and "-""#, |name| {
+/// The name of a system, vehicle or stage.
+pub(crate) const NAME: Text<String> = text(r#"1 to 32 of a-z, 0-9, "_" and "-""#, |name| {
     let allowed = |byte: u8| matches!(byte, b'a'..=b'z' | b'0'..=b'9' | b'_' | b'-');
     ((1..=32).contains(&name.len()) && name.bytes().all(allowed)).then(|| name.into())
 });
@@ -296,6 +297,21 @@ impl<T> Kind<Vec<T>> for Tables<T> {
         });
         (self.check)(section, &tables);
         out.extend(tables.into_iter().map(Spanned::into_inner));
+    }
+}
+
+/// Reads parameters that the mathematics declares, and passes those that are set to `set`.
+pub(crate) fn read_parameters(
+    section: &mut Section<'_, '_>,
+    parameters: &[Parameter],
+    mut set: impl FnMut(&'static str, f64),
+) {
+    for Parameter { name, unit, min, max, mut default, description } in parameters.iter().copied() {
+        let key = Key { name, doc: description, unit, example: "" };
+        (min..=max).read(section, key, &mut default);
+        if section.is_set(name) {
+            set(name, default);
+        }
     }
 }
 

@@ -72,17 +72,17 @@ pub use external_stage::ExternalStage;
 pub use fault::{Fault, FaultKind, MAX_DELAYED_READINGS, MAX_FAULTS, Sensor};
 pub use format::{Autopilot, Columns, FixMessage, Format, ImuMessage, ReceiverFormat, WitMotion, Xsens};
 pub use gateway::{Gateway, Import, Tls, TopicRate};
-pub use ingest::{BusSource, Gnss, Ingest, Limits, Replay, Sim, Source};
+pub use ingest::{BusSource, Gnss, Ingest, Replay, Sim, Source};
 pub use live_sources::{
-    Clock, DEFAULT_RATE_HZ, IioDevice, LiveSources, MavlinkSource, Port, ReceiverSource, SerialLine, SerialSource,
-    StdinSource, Stream, TcpSource, UdpSource,
+    Clock, DEFAULT_IIO_RATE_HZ, DEFAULT_RATE_HZ, IioDevice, LiveSources, MavlinkSource, Port, ReceiverSource,
+    SerialLine, SerialSource, StdinSource, Stream, TcpSource, UdpSource,
 };
 pub use model::{Launch, OnLimit, Restart, StateFile};
 pub use north::{Date, MODEL_YEARS, NorthReference, Position};
 pub use output::Output;
 pub use problem::{LaunchError, Problems, pluralize};
 pub use promotion_rule::{Measure, PromotionRule};
-pub use schema::{MAX_TOPIC_MESSAGES, describe, max_buffer_s};
+pub use schema::{MAX_TOPIC_MESSAGES, MIN_TOPIC_MESSAGES, describe, max_buffer_s};
 pub use sensors::{Calibration, Calibrations, GyroSamples};
 pub use service_unit::UnsupportedDevicePath;
 pub use slot_stage::UnknownStage;

@@ -17,6 +17,8 @@ use crate::{
 pub(crate) const RATE_RANGE_HZ: RangeInclusive<f64> = 1.0..=10_000.0;
 /// Sample rate for which buffers are made if none is set, Hz.
 pub const DEFAULT_RATE_HZ: f64 = 1000.0;
+/// Sample rate to which a device of Linux industrial I/O is set if none is set, Hz.
+pub const DEFAULT_IIO_RATE_HZ: f64 = 100.0;
 
 keys! {
     /// Settings of a stream of readings, independent of its port.
@@ -25,7 +27,8 @@ keys! {
         format: Format = Format::default(), By(stream_format);
         /// Treatment of the device's timestamps.
         clock: Clock = Clock::Host, choice();
-        /// Sample rate. If it is not set, it is measured, and buffers are made for 1000 Hz.
+        /// Sample rate. If it is not set, it is measured, or 100 Hz with `iio`, and buffers are
+        /// made for 1000 Hz.
         rate_hz: Option<f64> = None, Optional(RATE_RANGE_HZ), unit "Hz", example "200";
         /// Kind of rate sample.
         gyro_samples: GyroSamples = GyroSamples::Means, choice();
@@ -59,6 +62,7 @@ pub enum Port {
         /// Path of the device file.
         path: PathBuf,
         /// Settings of the line.
+        #[serde(flatten)]
         line: SerialLine,
     },
 }
@@ -108,7 +112,7 @@ keys! {
 }
 
 keys! {
-    /// Settings of a serial line, with 8 data bits, no parity, 1 stop bit and no flow control.
+    /// Settings of a serial line.
     #[derive(Copy, Eq)]
     pub struct SerialLine {
         /// Baud rate, with 8 data bits, no parity, 1 stop bit and no flow control.
@@ -146,8 +150,8 @@ keys! {
     }
 }
 
-/// Returns the kind of a key that takes an absolute path. An empty default stands for a key that is
-/// not set.
+/// Returns the kind of a key that takes a path, which is not resolved against the folder of the
+/// launch file. An empty default stands for a key that is not set.
 const fn path(expected: &'static str) -> Text<PathBuf> {
     Text {
         expected,
@@ -186,7 +190,7 @@ keys! {
         /// IMU and receiver of an autopilot that speaks MAVLink. The autopilot is only read.
         mavlink: MavlinkSource = MavlinkSource::default(), Table(MavlinkSource::read_keys);
         /// Device of Linux industrial I/O. The device's sample rate is set to the one nearest to
-        /// rate_hz, or to 100 Hz.
+        /// rate_hz.
         iio: IioDevice = IioDevice::default(), Table(IioDevice::read_keys);
         /// Satellite receiver used with any of these sources or the bus. Simulations and recordings
         /// ignore it.

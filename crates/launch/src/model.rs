@@ -11,7 +11,7 @@ use crate::{
     gateway::Gateway,
     ingest::Ingest,
     keys::{Kind, choices, keys},
-    kind::{By, FileOr, Flag, NATURAL, SYSTEM_NAME, Table, choice, many_of},
+    kind::{By, FileOr, Flag, NAME, NATURAL, Table, choice, many_of},
     north::NorthReference,
     output::Output,
     problem::Problem,
@@ -27,7 +27,7 @@ keys! {
     /// Declaration of one system.
     pub struct Launch {
         /// Name of the system. Only one running system can have a given name.
-        name: String = "plumbline".into(), SYSTEM_NAME;
+        name: String = "plumbline".into(), NAME;
         /// Services in the order in which they are started: every service of the data path once,
         /// and optionally the gateway and the cockpit.
         services: Vec<Service> = Service::LISTED.into(), By(services);

@@ -14,6 +14,9 @@ use toml::de::DeTable;
 /// Maximum number of messages that a topic of the data path holds for a subscriber: 15 MB for the
 /// largest message type.
 pub const MAX_TOPIC_MESSAGES: usize = 65_536;
+/// Minimum number of messages that a topic of the data path holds for a subscriber. Without it, the
+/// buffer of a slow sensor would be too small for the burst of messages after a stall.
+pub const MIN_TOPIC_MESSAGES: usize = 256;
 
 /// Returns the maximum of the key `buffer_s` at a rate, s.
 pub fn max_buffer_s(rate_hz: f64) -> f64 {

@@ -8,31 +8,37 @@
 
 use std::{collections::BTreeMap, fmt};
 
-use attitude::parameters::Parameter;
 use mapping::names::nearest;
 use toml::de::DeValue;
 
 use crate::{
     ExternalStage, Slot, StageConfig,
     description::Key,
-    keys::{Kind, key},
-    kind::one_of,
+    keys::{Kind, keys},
+    kind::{By, one_of, read_parameters},
     toml_reader::{Section, Values},
 };
 
 /// Slot of a promotion rule without the key `slot`.
 pub(crate) const DEFAULT_RULE_SLOT: Slot = Slot::Fuser;
 
+keys! {
+    /// Keys of a slot's stage.
+    struct StageKeys {
+        /// Name of a built-in stage, or of a user-defined one in `[stages.NAME]`. `plumb stage
+        /// list` shows all stages and their parameters.
+        stage: String = String::new(), By(stage_name), example r#""aided""#;
+        /// Parameters that differ from their defaults, by name.
+        set: BTreeMap<String, f64> = BTreeMap::new(), By(stage_parameters);
+    }
+}
+
 /// Reads the keys of a slot's stage.
 pub(crate) fn read_keys(config: &mut StageConfig, section: &mut Section<'_, '_>) {
-    let stage = key!(
-        "Name of a built-in stage, or of a user-defined one in `[stages.NAME]`. `plumb stage list` shows all stages \
-         and their parameters.",
-        "stage",
-        example r#""aided""#
-    );
-    stage_name(section, stage, &mut config.stage);
-    stage_parameters(section, key!("Parameters that differ from their defaults, by name.", "set"), &mut config.set);
+    let StageConfig { stage, set } = config.clone();
+    let mut keys = StageKeys { stage, set };
+    keys.read_keys(section);
+    *config = StageConfig { stage: keys.stage, set: keys.set };
 }
 
 /// Checks that the slot has a stage of this name, built-in or external.
@@ -105,13 +111,9 @@ fn stage_parameters(section: &mut Section<'_, '_>, key: Key, out: &mut BTreeMap<
                 out.insert(name.into(), value);
             });
         };
-        for Parameter { name, unit, min, max, mut default, description } in parameters.iter().copied() {
-            let key = Key { name, doc: description, unit, example: "" };
-            (min..=max).read(section, key, &mut default);
-            if section.is_set(name) {
-                out.insert(name.into(), default);
-            }
-        }
+        read_parameters(section, parameters, |name, value| {
+            out.insert(name.into(), value);
+        });
     });
 }
 

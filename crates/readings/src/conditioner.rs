@@ -12,7 +12,7 @@
 use attitude::{
     Matrix3, Quaternion,
     calibration::{CalibrationError, Mounting},
-    conditioner::{self, Limits, SensorModel},
+    conditioner::{self, SensorModel},
     flags::Flags,
     gnss::ReceiverFix,
 };
@@ -65,9 +65,8 @@ impl Conditioner {
     ///
     /// Returns an error if a calibration or the mounting is invalid.
     pub fn new(ingest: &Ingest, rate_hz: f64, kind: GyroSamples) -> Result<Self, CalibrationError> {
-        let launch::Limits { rate_max_deg_s, force_max_g, gap_s, stuck_s, field_max_ut } = ingest.limits;
         let sensors = SensorModel {
-            limits: Limits { rate_max_deg_s, force_max_g, gap_s, stuck_s, field_max_ut },
+            limits: ingest.limits,
             rate_hz,
             rate_kind: kind.rate_kind(),
             mounting: Mounting::from_matrix(matrix(ingest.mounting))?,

@@ -9,12 +9,12 @@ pub fn boot_id() -> String {
 
 /// Returns the folder for files that outlast a run, or `None` if the environment names none.
 pub fn state_folder() -> Option<PathBuf> {
-    state_directory(|name| env::var_os(name))
+    state_folder_from(|name| env::var_os(name))
 }
 
 /// Returns the folder for state files: the one given by systemd, else that of the XDG base
 /// directory specification.
-fn state_directory(variable: impl Fn(&str) -> Option<OsString>) -> Option<PathBuf> {
+fn state_folder_from(variable: impl Fn(&str) -> Option<OsString>) -> Option<PathBuf> {
     let absolute = |name| variable(name).map(PathBuf::from).filter(|path| path.is_absolute());
     // systemd separates multiple folders by colons. The first one is used.
     let systemd = variable("STATE_DIRECTORY").and_then(|all| env::split_paths(&all).next());
@@ -27,7 +27,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn state_directory_prefers_systemd_then_user() {
+    fn state_folder_prefers_systemd_then_user() {
         type Case<'a> = (&'a [(&'a str, &'a str)], Option<&'a str>);
         let cases: &[Case<'_>] = &[
             (&[("STATE_DIRECTORY", "/var/lib/plumbline"), ("HOME", "/home/a")], Some("/var/lib/plumbline")),
@@ -38,7 +38,7 @@ mod tests {
         ];
         for (variables, expected) in cases {
             let variable = |name: &str| variables.iter().find(|(key, _)| *key == name).map(|(_, value)| value.into());
-            assert_eq!(state_directory(variable), expected.map(PathBuf::from), "{variables:?}");
+            assert_eq!(state_folder_from(variable), expected.map(PathBuf::from), "{variables:?}");
         }
     }
 }

@@ -3,7 +3,7 @@
 use std::{fs, path::PathBuf};
 
 use graph::{Buffer, Entry, Participant, Topic};
-use launch::{GyroSamples, Launch, MAX_TOPIC_MESSAGES, Source};
+use launch::{GyroSamples, Launch, MAX_TOPIC_MESSAGES, MIN_TOPIC_MESSAGES, Source};
 use serde::{Deserialize, Serialize};
 pub use swap::{FIRST_EPOCH, Resume, Role};
 
@@ -93,7 +93,7 @@ impl ServiceConfig {
     /// Returns the number of messages that each topic of the data path buffers.
     pub fn buffer_ticks(&self) -> usize {
         let rate_hz = self.rate_hz * if let Pace::Speed(speed) = self.pace { speed.max(1.0) } else { 1.0 };
-        ((rate_hz * self.launch.buffer_s).ceil() as usize).clamp(MIN_BUFFER, MAX_TOPIC_MESSAGES)
+        ((rate_hz * self.launch.buffer_s).ceil() as usize).clamp(MIN_TOPIC_MESSAGES, MAX_TOPIC_MESSAGES)
     }
 
     /// Returns the number of ticks by which another input must be ahead of a missing message before
@@ -184,10 +184,6 @@ const CHECKPOINTS_PER_BUFFER: u64 = 32;
 
 /// Maximum number of messages read from one input before the others are polled.
 const MAX_BATCH_SIZE: usize = 32;
-
-/// Minimum buffer size, in messages. Without it, the buffer of a slow sensor would be too small for
-/// the burst of messages after a stall.
-const MIN_BUFFER: usize = 256;
 
 /// Number of messages that a topic outside the data path buffers per subscriber.
 pub const CONTROL_BUFFER: usize = 64;

@@ -12,7 +12,7 @@ use decoders::{
     Counts, Decoder, Framed, Measurement,
     iio::{Clock, DevicePair, Iio, IioError, Layout, sysfs},
 };
-use launch::IioDevice;
+use launch::{DEFAULT_IIO_RATE_HZ, IioDevice};
 use rustix::{
     event::{PollFd, PollFlags, Timespec, poll},
     fs::{Mode, OFlags, open},
@@ -28,8 +28,6 @@ use crate::{
 const BUFFER_BYTES: usize = 1 << 16;
 /// Pause before reopening the device.
 const RETRY_PAUSE: Duration = Duration::from_secs(1);
-/// Sample rate to which the device is set if none is declared, Hz.
-const DEFAULT_RATE_HZ: f64 = 100.0;
 const CHECK_DEVICE: &str = "check that the device is present: cat /sys/bus/iio/devices/*/name";
 
 /// Device that may currently be closed.
@@ -141,7 +139,7 @@ impl Input for IioInput {
 impl OpenDevice {
     fn open(settings: &IioDevice) -> Result<Self, OpenError> {
         let IioDevice { root, dev, device, accel_device, stream } = settings;
-        let rate_hz = stream.rate_hz.unwrap_or(DEFAULT_RATE_HZ);
+        let rate_hz = stream.rate_hz.unwrap_or(DEFAULT_IIO_RATE_HZ);
         let open_one = |name: &str| -> Result<(File, Layout), OpenError> {
             let folder = sysfs::find(root, name)?;
             // The buffer holds one second of records, so that no record is lost if this process

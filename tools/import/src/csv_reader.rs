@@ -129,15 +129,19 @@ impl CsvReader {
     }
 }
 
-/// Numbers of the rows of a file.
+/// Counts of valid and malformed rows, and the error of the first malformed one.
 #[derive(Default)]
 pub(crate) struct RowCounts {
-    pub(crate) valid: u64,
+    valid: u64,
     pub(crate) malformed: u64,
     first_error: Option<ImportError>,
 }
 
 impl RowCounts {
+    pub(crate) fn add_valid(&mut self) {
+        self.valid += 1;
+    }
+
     pub(crate) fn add_malformed(&mut self, error: ImportError) {
         self.malformed += 1;
         self.first_error.get_or_insert(error);

@@ -93,7 +93,7 @@ impl CsvSource {
             };
             match checked {
                 Ok((time, has_rate)) => {
-                    counts.valid += 1;
+                    counts.add_valid();
                     if let (Some(time), true, true) = (time, is_rate_file, has_rate) {
                         let period_ns = || match (time, self.time_bits) {
                             (Time::OfDay(_), _) => Some(DAY_NS),

@@ -78,7 +78,7 @@ pub fn convert_table(path: &Path, table: Table, out: &Path) -> Result<Vec<Note>,
         };
         match row {
             Ok(row) => {
-                counts.valid += 1;
+                counts.add_valid();
                 writeln!(output, "{row}").map_err(failed)?;
             }
             Err(error @ ImportError::Malformed { .. }) => counts.add_malformed(error),

@@ -15,8 +15,6 @@ use crate::error::RemoteError;
 
 /// Timeout for connecting.
 const CONNECT_TIMEOUT: Duration = Duration::from_secs(5);
-/// Default endpoint, at which a gateway on this machine listens.
-const DEFAULT_ENDPOINT: &str = "tcp/127.0.0.1:7447";
 
 /// Endpoints of gateways or routers, and the client's certificate.
 #[derive(Debug, Clone)]
@@ -27,12 +25,9 @@ pub struct RemoteEndpoint {
 }
 
 impl RemoteEndpoint {
-    /// Creates the description of an endpoint. If `endpoints` is empty, this is the gateway on this
-    /// machine.
+    /// Creates the description of an endpoint.
     pub fn new(endpoints: &[String], keys: Option<&Path>) -> Self {
-        let default = || vec![DEFAULT_ENDPOINT.to_owned()];
-        let endpoints = if endpoints.is_empty() { default() } else { endpoints.to_vec() };
-        Self { endpoints, keys: keys.map(Path::to_owned) }
+        Self { endpoints: endpoints.to_vec(), keys: keys.map(Path::to_owned) }
     }
 
     /// Returns `true` if both ends present certificates, so that commands are accepted.

@@ -1,6 +1,5 @@
 //! The builder validates its values, and its settings have the same effect as those of the system.
 
-use launch::Launch;
 use plumbline_ahrs::{Ahrs, Body, CourseReference, Frame, Slot, stages::Wz};
 
 #[test]
@@ -17,14 +16,6 @@ fn unknown_name_is_rejected_with_the_known_ones() {
     assert!(error.starts_with("slot fuser has no stage `vfq`; choose one of multiple-model, wz,"), "{error}");
     let error = Ahrs::builder().parameter(Slot::Course, "declination", 3.0).unwrap_err().to_string();
     assert_eq!(error, "course `declination`: unknown parameter; available: declination_deg");
-}
-
-#[test]
-fn default_limits_are_those_of_the_launch_file() {
-    let launch::Limits { rate_max_deg_s, force_max_g, gap_s, stuck_s, field_max_ut } = Launch::default().ingest.limits;
-    let expected =
-        plumbline_ahrs::attitude::conditioner::Limits { rate_max_deg_s, force_max_g, gap_s, stuck_s, field_max_ut };
-    assert_eq!(plumbline_ahrs::attitude::conditioner::Limits::default(), expected);
 }
 
 #[test]

@@ -55,6 +55,7 @@ const MAX_BACKWARD_STAMPS: i64 = 10;
 
 settings! {
     /// Limits beyond which samples are flagged.
+    #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
     pub struct Limits {
         /// Rate at and beyond which a sample is flagged as clipped.
         rate_max_deg_s: 2000.0 in 1.0 .. 100_000.0, "°/s";

@@ -8,7 +8,7 @@ use decoders::{
 };
 use xsens_mti::prelude::{Acceleration, BusId, Frame, MagneticField, MessageId, PayloadLength, RateOfTurn};
 
-use crate::streams::{decoded, rvc_frame_with, three_f32, witmotion_frame, xsens_frame};
+use crate::streams::{WITMOTION_RANGES, decoded, rvc_frame_with, three_f32, witmotion_frame, xsens_frame};
 
 const GRAVITY_M_S2: f64 = 9.80665;
 
@@ -35,7 +35,7 @@ fn witmotion_applies_ranges_and_timestamp() {
     let [force, rate, field] = witmotion_numbers();
     // 2026-11-23 08:12:26.345.
     let time = witmotion_frame(0x50, [26, 11, 23, 8, 12, 26, 0x59, 0x01]);
-    let found = witmotion(Ranges::default(), &[time, force.clone(), rate.clone(), field.clone()]);
+    let found = witmotion(WITMOTION_RANGES, &[time, force.clone(), rate.clone(), field.clone()]);
     let [Measurement { time, value: Value::Imu { rate_rad_s, force_m_s2, field_ut: None } }, second] = found[..] else {
         panic!("{found:?}")
     };
@@ -59,11 +59,11 @@ fn witmotion_cycle_without_time_frame_has_no_timestamp() {
     let [force, rate, field] = witmotion_numbers();
     let time = witmotion_frame(0x50, [26, 11, 23, 8, 12, 26, 0x59, 0x01]);
     let [with, without] = [vec![time, force.clone(), rate.clone(), field.clone()], vec![force, rate, field]];
-    let found = witmotion(Ranges::default(), &[with, without].concat());
+    let found = witmotion(WITMOTION_RANGES, &[with, without].concat());
     assert_eq!(found.iter().map(|found| found.time.is_some()).collect::<Vec<_>>(), [true, true, false, false]);
     let invalid = witmotion_frame(0x50, [26, 13, 23, 8, 12, 26, 0x59, 0x01]);
     let [force, rate, _] = witmotion_numbers();
-    assert_eq!(witmotion(Ranges::default(), &[invalid, force, rate])[0].time, None, "month 13");
+    assert_eq!(witmotion(WITMOTION_RANGES, &[invalid, force, rate])[0].time, None, "month 13");
 }
 
 #[test]
@@ -71,7 +71,7 @@ fn witmotion_pairs_rate_and_force_of_one_cycle() {
     let [force, rate, field] = witmotion_numbers();
     let imu_count = |frames: &[&[u8]]| {
         let found = witmotion(
-            Ranges { field_ut: None, ..Ranges::default() },
+            Ranges { field_ut: None, ..WITMOTION_RANGES },
             &frames.iter().map(|f| f.to_vec()).collect::<Vec<_>>(),
         );
         found.len()

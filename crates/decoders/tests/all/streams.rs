@@ -10,9 +10,12 @@ use decoders::{
     rvc::Rvc,
     ubx::Ubx,
     witmotion::{Ranges, WitMotion},
-    xsens::{FIELD_UT, Xsens},
+    xsens::Xsens,
 };
 use mavlink::{MAVLinkV1MessageRaw, MAVLinkV2MessageRaw, MavHeader, dialects::common as dialect};
+
+/// Factory settings of a WitMotion sensor.
+pub(crate) const WITMOTION_RANGES: Ranges = Ranges { force_g: 16.0, rate_deg_s: 2000.0, field_ut: Some(0.1) };
 
 /// Sample stream of one format.
 pub(crate) struct Stream {
@@ -37,8 +40,8 @@ pub(crate) fn all(count: u32) -> Vec<Stream> {
         is_stateless,
     };
     vec![
-        stream("witmotion", || Box::new(Framed::new(WitMotion::new(Ranges::default()))), witmotion_cycle, 8, true),
-        stream("xsens", || Box::new(Framed::new(Xsens::new(FIELD_UT))), xsens_message, 8, true),
+        stream("witmotion", || Box::new(Framed::new(WitMotion::new(WITMOTION_RANGES))), witmotion_cycle, 8, true),
+        stream("xsens", || Box::new(Framed::new(Xsens::new(49.0))), xsens_message, 8, true),
         stream("rvc", || Box::new(Framed::new(Rvc::default())), rvc_frame, 8, false),
         stream("lines", || Box::new(Framed::new(named_lines())), line, 0, false),
         stream("mavlink", || Box::new(Framed::new(Mavlink::new(MavlinkSettings::default()))), mavlink_frames, 16, true),

@@ -9,10 +9,13 @@ use decoders::{
     nmea::Nmea,
     rvc::Rvc,
     ubx::Ubx,
-    witmotion::{Ranges, WitMotion},
+    witmotion::WitMotion,
 };
 
-use crate::{python::python, streams::decoded};
+use crate::{
+    python::python,
+    streams::{WITMOTION_RANGES, decoded},
+};
 
 /// Returns the bytes of `kind` and the expected measurements, or `None` if Python is unavailable.
 /// An expected measurement that is `None` is not compared.
@@ -115,7 +118,9 @@ fn every_ardupilot_message_counts_as_frame() {
 
 #[test]
 fn witmotion_matches_python_package() {
-    let Some(counts) = check("witmotion", Framed::new(WitMotion::new(Ranges::default()))) else { return };
+    let Some(counts) = check("witmotion", Framed::new(WitMotion::new(WITMOTION_RANGES))) else {
+        return;
+    };
     assert_eq!((counts.frames, counts.skipped_bytes), (1200, 0));
 }
 

@@ -154,6 +154,24 @@ mod tests {
     }
 
     #[test]
+    fn fingerprint_of_a_source_does_not_change() {
+        let fingerprint = |source: &str| {
+            let mut launch = Launch::default();
+            launch.set_source(source).unwrap();
+            format!("{:016x}", sensor_fingerprint(&launch.ingest))
+        };
+        for (source, expected) in [
+            ("/dev/imu?format=xsens&baud=9600", "7cb7812dbd93ffbe"),
+            ("mavlink:serial:/dev/ttyACM0", "3b58757c7e6276af"),
+            ("udp", "da426acb81a2be80"),
+            ("tcp:a:1", "b7939c0196d6eb01"),
+            ("iio:bmi160", "1f5a0646c16cd0bb"),
+        ] {
+            assert_eq!(fingerprint(source), expected, "{source}");
+        }
+    }
+
+    #[test]
     fn decoded_bias_is_exact_and_its_sd_grows_with_age() {
         let soon = decode(&state_text(), SENSORS, &timestamp("a", 1001.0, 0.0, false)).unwrap();
         let bias = |(prior, _): (Prior, f64)| prior.bias_rad_s.unwrap();
