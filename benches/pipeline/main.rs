@@ -39,6 +39,8 @@ mod process;
 mod program;
 mod raw;
 mod real;
+#[path = "../common/round_args.rs"]
+mod round_args;
 mod table;
 
 use std::{ffi::OsString, process::ExitCode};
@@ -48,7 +50,7 @@ use rustix::thread::{CpuSet, sched_getaffinity, sched_setaffinity};
 use serde::{Deserialize, Serialize};
 
 use chain::ProcessSettings;
-use program::RoundArgs;
+use round_args::RoundArgs;
 use table::Table;
 
 /// Warm-up omitted by `raw` and `bus`, s.
@@ -66,7 +68,7 @@ type Failure = Box<dyn std::error::Error>;
 #[derive(Parser)]
 struct Cli {
     #[command(flatten)]
-    rounds: RoundArgs,
+    args: RoundArgs,
     /// Also measure another plumb executable, such as an earlier build
     #[arg(long, value_name = "PLUMB")]
     other: Option<OsString>,
@@ -122,7 +124,7 @@ struct LatencyUs {
 
 fn main() -> ExitCode {
     let cli = Cli::parse();
-    program::run(cli.rounds.process.as_deref(), run_process, || measure(&cli))
+    program::run(cli.args.process.as_deref(), run_process, || measure(&cli))
 }
 
 fn run_process(settings: &ProcessSettings) -> Result<(), Failure> {
@@ -134,10 +136,8 @@ fn run_process(settings: &ProcessSettings) -> Result<(), Failure> {
 }
 
 fn measure(cli: &Cli) -> Result<(), Failure> {
-    let RoundArgs { seconds, rounds, json, .. } = cli.rounds;
-    if !(MIN_S..=60.0).contains(&seconds) || !(1..=1000).contains(&rounds) {
-        return Err(format!("expected {MIN_S} to 60 seconds and 1 to 1000 rounds").into());
-    }
+    cli.args.validate(MIN_S)?;
+    let RoundArgs { seconds, rounds, json, .. } = cli.args;
     let mut table = Table::new(rounds, seconds);
     for round in 0..rounds {
         for mode in [Mode::Free, Mode::One] {

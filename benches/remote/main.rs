@@ -38,6 +38,8 @@ mod median;
 mod process;
 #[path = "../common/program.rs"]
 mod program;
+#[path = "../common/round_args.rs"]
+mod round_args;
 #[path = "../common/sample.rs"]
 mod sample;
 mod system;
@@ -52,7 +54,7 @@ use clap::Parser;
 use serde::{Deserialize, Serialize};
 
 use hop_end::ProcessSettings;
-use program::RoundArgs;
+use round_args::RoundArgs;
 use table::Table;
 
 /// Warm-up omitted at the start of each variant, s.
@@ -65,7 +67,7 @@ type Failure = Box<dyn std::error::Error>;
 #[derive(Parser)]
 struct Cli {
     #[command(flatten)]
-    rounds: RoundArgs,
+    args: RoundArgs,
     /// Measure `tunnel` as well, with this iceoryx2-tunnel program
     #[arg(long)]
     tunnel: Option<PathBuf>,
@@ -94,7 +96,7 @@ struct Cost {
 
 fn main() -> ExitCode {
     let cli = Cli::parse();
-    program::run(cli.rounds.process.as_deref(), run_process, || measure(&cli))
+    program::run(cli.args.process.as_deref(), run_process, || measure(&cli))
 }
 
 fn run_process(settings: &ProcessSettings) -> Result<(), Failure> {
@@ -108,10 +110,8 @@ fn run_process(settings: &ProcessSettings) -> Result<(), Failure> {
 }
 
 fn measure(cli: &Cli) -> Result<(), Failure> {
-    let RoundArgs { seconds, rounds, json, .. } = cli.rounds;
-    if !(0.1..=60.0).contains(&seconds) || !(1..=1000).contains(&rounds) {
-        return Err("expected 0.1 to 60 seconds and 1 to 1000 rounds".into());
-    }
+    cli.args.validate(0.1)?;
+    let RoundArgs { seconds, rounds, json, .. } = cli.args;
     let mut variants = vec![Variant::Zenoh, Variant::Each, Variant::Batches, Variant::Carried];
     variants.extend(cli.tunnel.is_some().then_some(Variant::Tunnel));
     let mut table = Table::new(rounds, seconds);
