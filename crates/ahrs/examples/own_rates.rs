@@ -18,7 +18,7 @@ fn main() {
                 ..GnssFix::default()
             });
         }
-        ahrs.update_imu([0.002, 0.0, 0.001], [0.01 * t_s.cos(), 0.0, 9.81], 1.0 / 200.0);
+        ahrs.update([0.002, 0.0, 0.001], [0.01 * t_s.cos(), 0.0, 9.81], None, 1.0 / 200.0);
     }
     println!("{:?}", ahrs.attitude().angles());
 }

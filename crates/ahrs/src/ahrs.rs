@@ -93,20 +93,6 @@ impl<F: FuserStage> Ahrs<F> {
         self.attitude
     }
 
-    /// Processes a gyro and accelerometer sample and returns the new attitude.
-    ///
-    /// The newest magnetic field and the newest fix stored since the previous sample take effect.
-    /// The arguments are those of [`update`](Self::update).
-    pub fn update_imu(&mut self, gyro_rad_s: [f64; 3], accel_m_s2: [f64; 3], dt_s: f64) -> Attitude {
-        self.update(gyro_rad_s, accel_m_s2, None, dt_s)
-    }
-
-    /// Processes a timestamped gyro and accelerometer sample and returns the new attitude. The
-    /// arguments are those of [`update_at`](Self::update_at).
-    pub fn update_imu_at(&mut self, gyro_rad_s: [f64; 3], accel_m_s2: [f64; 3], t_ns: i64) -> Attitude {
-        self.update_at(gyro_rad_s, accel_m_s2, None, t_ns)
-    }
-
     /// Stores a magnetometer sample, µT. It takes effect with the next gyro and accelerometer
     /// sample.
     pub fn update_mag(&mut self, field_ut: [f64; 3]) {

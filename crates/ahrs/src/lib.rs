@@ -36,7 +36,7 @@
 //! | --- | --- |
 //! | deliver all values together, at a known interval | [`Ahrs::update`] |
 //! | deliver all values together, with a timestamp | [`Ahrs::update_at`] |
-//! | have their own rates | [`Ahrs::update_imu`] or [`Ahrs::update_imu_at`], [`Ahrs::update_mag`], [`Ahrs::update_gnss`] |
+//! | have their own rates | one of these without a field, [`Ahrs::update_mag`], [`Ahrs::update_gnss`] |
 //!
 //! # Faults of the sensors
 //!

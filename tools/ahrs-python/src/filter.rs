@@ -108,7 +108,8 @@ impl Ahrs {
     ///
     /// gyro_rad_s: body rate, rad/s, shape (3,).
     /// accel_m_s2: specific force, m/s², shape (3,); points up at rest.
-    /// field_ut: magnetic field, µT, shape (3,), or None without a new sample.
+    /// field_ut: magnetic field, µT, shape (3,), or None for the newest field that `update_mag`
+    ///     has stored since the previous sample, if any.
     /// dt_s: time since the previous sample, s. A value that is 0, negative or not finite marks a
     ///     late or repeated sample. The first sample only starts the clock.
     ///
@@ -136,19 +137,6 @@ impl Ahrs {
         t_ns: i64,
     ) -> Attitude {
         Attitude(self.filter.update_at(gyro_rad_s, accel_m_s2, field_ut, t_ns))
-    }
-
-    /// Process a gyro and accelerometer sample and return the new attitude.
-    ///
-    /// The newest magnetic field and the newest fix stored since the previous sample take effect.
-    /// The arguments are those of `update`.
-    fn update_imu(&mut self, gyro_rad_s: [f64; 3], accel_m_s2: [f64; 3], dt_s: f64) -> Attitude {
-        Attitude(self.filter.update_imu(gyro_rad_s, accel_m_s2, dt_s))
-    }
-
-    /// Process a timestamped gyro and accelerometer sample and return the new attitude.
-    fn update_imu_at(&mut self, gyro_rad_s: [f64; 3], accel_m_s2: [f64; 3], t_ns: i64) -> Attitude {
-        Attitude(self.filter.update_imu_at(gyro_rad_s, accel_m_s2, t_ns))
     }
 
     /// Store a magnetometer sample, µT, shape (3,). It takes effect with the next gyro and

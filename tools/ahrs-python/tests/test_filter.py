@@ -47,12 +47,12 @@ def test_separate_sensors_equal_one_call() -> None:
     for i in range(10):
         together.update(RATE, UP, FIELD, 0.01)
         separate.update_mag(FIELD)
-        separate.update_imu(RATE, UP, 0.01)
+        separate.update(RATE, UP, None, 0.01)
     assert together.attitude == separate.attitude
     stamped = Ahrs()
     for i in range(10):
         stamped.update_mag(FIELD)
-        stamped.update_imu_at(RATE, UP, (i + 1) * 10_000_000)
+        stamped.update_at(RATE, UP, None, (i + 1) * 10_000_000)
     assert stamped.attitude == together.attitude
 
 

@@ -7,7 +7,7 @@ fn step(ahrs: &mut Ahrs<Fuser>, count: u32) -> Attitude {
     if count.is_multiple_of(3) {
         ahrs.update_mag([20.0 * t_s.sin(), 20.0 * t_s.cos(), -40.0]);
     }
-    ahrs.update_imu([0.1 * t_s.sin(), 0.02, 1.0], [0.1 * t_s.cos(), 0.2, 9.8], 0.01)
+    ahrs.update([0.1 * t_s.sin(), 0.02, 1.0], [0.1 * t_s.cos(), 0.2, 9.8], None, 0.01)
 }
 
 /// Returns a filter and its snapshot. Both are taken after `count` samples and one magnetometer

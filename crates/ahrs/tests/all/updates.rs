@@ -19,7 +19,7 @@ fn own_rates_equal_the_call_for_all_sensors() {
             all.update_gnss(&fix);
         }
         let expected = all.update_at(rate, force, field_ut, count * 10_000_000);
-        assert_eq!(own.update_imu_at(rate, force, count * 10_000_000), expected);
+        assert_eq!(own.update_at(rate, force, None, count * 10_000_000), expected);
     }
 }
 
