@@ -4,6 +4,7 @@ use clap::Args;
 
 use crate::Failure;
 
+// Without a doc comment, which clap would print instead of the description of the benchmark.
 #[derive(Args)]
 pub(crate) struct RoundArgs {
     /// Measure each variant for this many seconds per round
@@ -24,7 +25,8 @@ pub(crate) struct RoundArgs {
 }
 
 impl RoundArgs {
-    /// Returns an error unless a round takes `min_s` to 60 s and there are 1 to 1000 rounds.
+    /// Returns an error unless each variant runs for `min_s` to 60 s per round, and there are 1 to
+    /// 1000 rounds.
     pub(crate) fn validate(&self, min_s: f64) -> Result<(), Failure> {
         match (min_s..=60.0).contains(&self.seconds) && (1..=1000).contains(&self.rounds) {
             true => Ok(()),

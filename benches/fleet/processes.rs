@@ -10,7 +10,7 @@ use std::{
 use bytemuck::Zeroable as _;
 use link::{Endpoints, Link};
 use messages::{AttitudeOutput, Header, Message};
-use runtime::clock::{minimise_timer_slack, monotonic_ns, sleep_until_ns};
+use runtime::{PacingTimer, clock::monotonic_ns};
 use rustix::process::{Signal, set_parent_process_death_signal};
 use serde::{Deserialize, Serialize};
 use wire::{batch::batch_name, keys, v1::Envelope};
@@ -80,7 +80,7 @@ fn router(endpoint: &str) -> Result<(), Failure> {
 }
 
 fn vehicles(endpoint: &str, numbers: std::ops::Range<usize>) -> Result<(), Failure> {
-    minimise_timer_slack();
+    let mut timer = PacingTimer::new();
     let numbers: Vec<_> = numbers.collect();
     // Sessions are opened in parallel, because opening one takes half a second.
     let links = thread::scope(|scope| {
@@ -109,7 +109,7 @@ fn vehicles(endpoint: &str, numbers: std::ops::Range<usize>) -> Result<(), Failu
             let due = sequence * publishers.len() as u64 + index as u64;
             let due_ns = start_ns + due * 1_000_000_000 / (RATE_HZ * publishers.len() as u64);
             while monotonic_ns() < due_ns {
-                sleep_until_ns(due_ns, MAX_WAIT);
+                timer.sleep_until_ns(due_ns, MAX_WAIT);
             }
             let t_sent_ns = monotonic_ns();
             let envelope = Envelope { sequence, start_ns, samples_before: sequence, t_sent_ns, ..Envelope::default() };

@@ -18,7 +18,7 @@ use std::{
 
 use hdrhistogram::Histogram;
 use messages::Ticked;
-use runtime::clock::{minimise_timer_slack, monotonic_ns, sleep_until_ns};
+use runtime::{PacingTimer, clock::monotonic_ns};
 use rustix::process::{Signal, set_parent_process_death_signal};
 use serde::{Deserialize, Serialize};
 
@@ -168,7 +168,7 @@ pub(crate) fn run(variant: Variant, shared_name: &str, rate_hz: u32, seconds: f6
 
 /// Runs the first process, which publishes a sample whenever one is due.
 pub(crate) fn source<O: Output>(settings: &ProcessSettings, mut output: O) -> Result<(), Failure> {
-    minimise_timer_slack();
+    let mut timer = PacingTimer::new();
     report_ready();
     io::stdin().read_line(&mut String::new())?;
     let mut meter = CpuMeter::new(settings);
@@ -176,7 +176,7 @@ pub(crate) fn source<O: Output>(settings: &ProcessSettings, mut output: O) -> Re
     for tick in 0..settings.ticks {
         let due_ns = start_ns + tick * 1_000_000_000 / u64::from(settings.rate_hz);
         while monotonic_ns() < due_ns {
-            sleep_until_ns(due_ns, MAX_WAIT);
+            timer.sleep_until_ns(due_ns, MAX_WAIT);
         }
         let mut sample: O::Sample = bytemuck::Zeroable::zeroed();
         sample.header_mut().tick = tick;

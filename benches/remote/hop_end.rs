@@ -8,7 +8,7 @@ use std::{
 };
 
 use hdrhistogram::Histogram;
-use runtime::clock::{minimise_timer_slack, monotonic_ns, sleep_until_ns};
+use runtime::{PacingTimer, clock::monotonic_ns};
 use rustix::process::{Signal, set_parent_process_death_signal};
 use serde::{Deserialize, Serialize};
 
@@ -70,14 +70,14 @@ pub(crate) fn send(
     settings: &ProcessSettings,
     mut send: impl FnMut(u64, u64) -> Result<(), Failure>,
 ) -> Result<(), Failure> {
-    minimise_timer_slack();
+    let mut timer = PacingTimer::new();
     println!("ready");
     io::stdin().read_to_string(&mut String::new())?;
     let start_ns = monotonic_ns() + LEAD_NS;
     for tick in 0..settings.ticks {
         let due_ns = start_ns + tick * 1_000_000_000 / u64::from(settings.rate_hz);
         while monotonic_ns() < due_ns {
-            sleep_until_ns(due_ns, MAX_WAIT);
+            timer.sleep_until_ns(due_ns, MAX_WAIT);
         }
         send(tick, monotonic_ns())?;
     }

@@ -548,7 +548,7 @@ fn remedy_for_rate_of_bus_source_works() {
                 break;
             }
             // The readings have times at 500 Hz, and are sent at 100 Hz.
-            sleep_until_ns(start_ns + 5 * reading.t_sensor_ns.cast_unsigned(), Duration::from_secs(1));
+            sleep_until_ns(start_ns + 5 * reading.t_sensor_ns.cast_unsigned());
             sensor.send(&reading).unwrap();
             sensor.wake();
         }

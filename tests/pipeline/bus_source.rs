@@ -1,5 +1,5 @@
 //! Systems of real processes that are fed over the bus: accuracy, order, latency and clean-up.
-use std::time::{Duration, Instant};
+use std::time::Instant;
 
 use crate::common::{System, inclination_deg, is_alive, signal, wait_for};
 use bus::{Bus, Publisher, Subscriber, SystemName};
@@ -79,7 +79,7 @@ impl Bench {
     pub(crate) fn send_at(&self, rate_hz: f64, readings: &[SensorReading], mut before: impl FnMut(usize)) {
         let start_ns = monotonic_ns();
         for (count, reading) in readings.iter().enumerate() {
-            sleep_until_ns(start_ns + (count as f64 * 1e9 / rate_hz) as u64, Duration::from_secs(1));
+            sleep_until_ns(start_ns + (count as f64 * 1e9 / rate_hz) as u64);
             before(count);
             self.sensor.send(reading).unwrap();
             self.sensor.wake();

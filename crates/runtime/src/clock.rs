@@ -2,7 +2,7 @@
 //!
 //! These clocks are used for timestamps, waits, pacing and statistics. No output depends on them.
 
-use std::{fs, time::Duration};
+use std::fs;
 
 use rustix::{
     thread::clock_nanosleep_absolute,
@@ -21,13 +21,14 @@ pub fn realtime_offset_ns() -> i64 {
     realtime.tv_sec * 1_000_000_000 + realtime.tv_nsec - monotonic_ns().cast_signed()
 }
 
-/// Sleeps until CLOCK_MONOTONIC reaches `at_ns`, for at most `limit`. A signal also ends the sleep.
-pub fn sleep_until_ns(at_ns: u64, limit: Duration) {
-    let latest = monotonic_ns() + limit.as_nanos() as u64;
-    let at_ns = at_ns.min(latest);
-    let at = Timespec { tv_sec: (at_ns / 1_000_000_000) as i64, tv_nsec: (at_ns % 1_000_000_000) as i64 };
-    // A signal may end the sleep early, so the caller checks the clock again.
-    let _ = clock_nanosleep_absolute(rustix::thread::ClockId::Monotonic, &at);
+/// Sleeps until CLOCK_MONOTONIC reaches `at_ns`. A signal can end the sleep early.
+pub fn sleep_until_ns(at_ns: u64) {
+    let _ = clock_nanosleep_absolute(rustix::thread::ClockId::Monotonic, &timespec(at_ns));
+}
+
+/// Returns a time on CLOCK_MONOTONIC, ns, as the kernel's type.
+pub(crate) fn timespec(at_ns: u64) -> Timespec {
+    Timespec { tv_sec: (at_ns / 1_000_000_000) as i64, tv_nsec: (at_ns % 1_000_000_000) as i64 }
 }
 
 /// Returns the processor time in ns used so far by the live threads of a process, or `None` if the
@@ -40,11 +41,4 @@ pub fn cpu_time_ns(pid: u32) -> Option<u64> {
         text.split_whitespace().next()?.parse::<u64>().ok()
     });
     Some(used_ns.sum())
-}
-
-/// Sets the timer slack of this thread to its minimum. With the default slack, a sleep can last up
-/// to 50 µs too long.
-pub fn minimise_timer_slack() {
-    // If the kernel rejects the request, sleeps are merely less precise.
-    let _ = rustix::thread::set_current_timer_slack(std::num::NonZeroU64::new(1));
 }

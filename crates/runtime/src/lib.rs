@@ -28,6 +28,7 @@
 //! | [`stage`] | creation and supervision of the stage named in a launch file |
 //! | [`machine`] | state folder and boot ID |
 //! | [`clock`] | monotonic clock and processor time |
+//! | [`pacing_timer`] | timer for waits at regular intervals |
 #![forbid(unsafe_code)]
 
 mod brief_wait;
@@ -42,6 +43,7 @@ pub mod input_scheduling;
 pub mod join;
 pub mod machine;
 pub mod ordered_subscriber;
+pub mod pacing_timer;
 pub mod prior;
 pub mod service;
 pub mod service_config;
@@ -55,6 +57,7 @@ pub mod stderr_tail;
 pub use error::RuntimeError;
 pub use join::{Join, JoinInput, JoinInputs, Joined};
 pub use ordered_subscriber::{OrderedSubscriber, SlotInput, SlotInputs};
+pub use pacing_timer::PacingTimer;
 pub use prior::{ImplausibleValue, Prior, PriorEstimate};
 pub use service::{ServiceLoop, SlotLoop, serve};
 pub use service_config::{Pace, Role, ServiceConfig};

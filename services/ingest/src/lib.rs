@@ -27,8 +27,8 @@ use readings::{
     source::{Reading, Readings, SourceError, Truth},
 };
 use runtime::{
-    Pace, RuntimeError, ServiceConfig, ServiceContext,
-    clock::{monotonic_ns, sleep_until_ns},
+    Pace, PacingTimer, RuntimeError, ServiceConfig, ServiceContext,
+    clock::monotonic_ns,
     service_config::{CONTROL_BUFFER, Resume},
 };
 
@@ -89,6 +89,7 @@ pub struct PacedIngest {
     next: Option<Sample>,
     /// End of the first sample's interval on the source's clock, ns.
     first_ns: i64,
+    timer: PacingTimer,
 }
 
 impl PacedIngest {
@@ -111,7 +112,7 @@ impl PacedIngest {
             next = ingest.read(&mut readings, State::READY)?;
             ingest.publish_health(State::READY)?;
         }
-        Ok(Self { ingest, readings, next, first_ns })
+        Ok(Self { ingest, readings, next, first_ns, timer: PacingTimer::new() })
     }
 
     /// Waits until the next sample is due and may be published, and publishes it. At maximum speed,
@@ -123,7 +124,7 @@ impl PacedIngest {
     ///
     /// Returns an error if the bus or the source fails.
     pub fn run_round(&mut self) -> Result<bool, IngestError> {
-        let Self { ingest, readings, next, first_ns } = self;
+        let Self { ingest, readings, next, first_ns, timer } = self;
         let (false, Some(sample)) = (ingest.context.should_stop(), &*next) else { return Ok(false) };
         ingest.drain_credit()?;
         ingest.deliver_history()?;
@@ -143,8 +144,8 @@ impl PacedIngest {
             Pace::Speed(speed) => ingest.due_ns(t_end_ns - *first_ns, speed, now_ns),
         };
         if now_ns < due_ns {
-            sleep_until_ns(due_ns, MAX_SLEEP);
-            // A signal ends the sleep early.
+            timer.sleep_until_ns(due_ns, MAX_SLEEP);
+            // A signal or the limit ends the sleep early.
             if monotonic_ns() < due_ns {
                 ingest.publish_health(State::RUNNING)?;
                 return Ok(true);
@@ -208,7 +209,6 @@ struct Ingest {
 
 impl Ingest {
     fn new(context: ServiceContext) -> Result<Self, IngestError> {
-        runtime::clock::minimise_timer_slack();
         let mut conditioner = conditioner(&context.config)?;
         let (mut resume_tick, mut catch_up_end_tick, mut start_ns) = (0, 0, 0);
         if let Some(Resume::Source { next_tick, start_ns: since_ns, offset_ns }) = context.config.resume {

@@ -18,10 +18,7 @@ use readings::{
     flight_replay::FlightReplay,
     source::{Reading, Readings, Truth, receiver_fix},
 };
-use runtime::{
-    Pace,
-    clock::{monotonic_ns, sleep_until_ns},
-};
+use runtime::{Pace, PacingTimer, clock::monotonic_ns};
 
 use crate::{
     Plan, Report,
@@ -195,7 +192,7 @@ fn pump(
     let (mut first_ns, mut shown_ns) = (None, 0);
     let needs_fused = plan.out.as_ref().is_some_and(AttitudeFile::needs_fused);
     let mut fused = Vec::new();
-    runtime::clock::minimise_timer_slack();
+    let mut timer = PacingTimer::new();
     while !stop_requested.load(Ordering::SeqCst) && plan.config.max_ticks.is_none_or(|max| samples.ticks() < max) {
         let Some(mut sample) = samples.next(stop_requested, view)? else { break };
         let since_first_ns = sample.imu.header.t_end_ns - *first_ns.get_or_insert(sample.imu.header.t_end_ns);
@@ -204,7 +201,7 @@ fn pump(
         {
             let due_ns = start_ns + (since_first_ns as f64 / speed) as u64;
             while monotonic_ns() < due_ns && !stop_requested.load(Ordering::SeqCst) {
-                sleep_until_ns(due_ns, MAX_SLEEP);
+                timer.sleep_until_ns(due_ns, MAX_SLEEP);
             }
         }
         sample.imu.header.t_born_ns = monotonic_ns();
