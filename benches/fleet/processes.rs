@@ -80,7 +80,7 @@ fn router(endpoint: &str) -> Result<(), Failure> {
 }
 
 fn vehicles(endpoint: &str, numbers: std::ops::Range<usize>) -> Result<(), Failure> {
-    let mut timer = PacingTimer::new();
+    let mut timer = PacingTimer::for_current_thread();
     let numbers: Vec<_> = numbers.collect();
     // Sessions are opened in parallel, because opening one takes half a second.
     let links = thread::scope(|scope| {

@@ -168,7 +168,7 @@ pub(crate) fn run(variant: Variant, shared_name: &str, rate_hz: u32, seconds: f6
 
 /// Runs the first process, which publishes a sample whenever one is due.
 pub(crate) fn source<O: Output>(settings: &ProcessSettings, mut output: O) -> Result<(), Failure> {
-    let mut timer = PacingTimer::new();
+    let mut timer = PacingTimer::for_current_thread();
     report_ready();
     io::stdin().read_line(&mut String::new())?;
     let mut meter = CpuMeter::new(settings);

@@ -70,7 +70,7 @@ pub(crate) fn send(
     settings: &ProcessSettings,
     mut send: impl FnMut(u64, u64) -> Result<(), Failure>,
 ) -> Result<(), Failure> {
-    let mut timer = PacingTimer::new();
+    let mut timer = PacingTimer::for_current_thread();
     println!("ready");
     io::stdin().read_to_string(&mut String::new())?;
     let start_ns = monotonic_ns() + LEAD_NS;

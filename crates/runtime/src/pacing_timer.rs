@@ -45,8 +45,7 @@ struct Intervals {
 
 impl PacingTimer {
     /// Creates the timer, and minimises the timer slack of the calling thread.
-    #[allow(clippy::new_without_default, reason = "it changes a setting of the thread")]
-    pub fn new() -> Self {
+    pub fn for_current_thread() -> Self {
         // With the default slack, a sleep can last up to 50 µs too long. If the kernel rejects the
         // request, sleeps are merely less precise.
         let _ = set_current_timer_slack(NonZeroU64::new(1));
@@ -100,7 +99,7 @@ mod tests {
 
     #[test]
     fn sleep_lasts_until_given_time() {
-        let mut timer = PacingTimer::new();
+        let mut timer = PacingTimer::for_current_thread();
         let start_ns = monotonic_ns();
         for at_ns in (1..20).map(|count| start_ns + count * INTERVAL_NS) {
             timer.sleep_until_ns(at_ns, LONG);
@@ -111,13 +110,13 @@ mod tests {
     #[test]
     fn sleep_is_limited() {
         let at_ns = monotonic_ns() + LONG.as_nanos() as u64;
-        PacingTimer::new().sleep_until_ns(at_ns, Duration::from_millis(1));
+        PacingTimer::for_current_thread().sleep_until_ns(at_ns, Duration::from_millis(1));
         assert!(monotonic_ns() < at_ns);
     }
 
     #[test]
     fn timers_are_set_in_turn() {
-        let mut timer = PacingTimer::new();
+        let mut timer = PacingTimer::for_current_thread();
         let start_ns = monotonic_ns();
         for at_ns in (0..4).map(|count| start_ns + count * INTERVAL_NS) {
             timer.sleep_until_ns(at_ns, LONG);

@@ -112,7 +112,7 @@ impl PacedIngest {
             next = ingest.read(&mut readings, State::READY)?;
             ingest.publish_health(State::READY)?;
         }
-        Ok(Self { ingest, readings, next, first_ns, timer: PacingTimer::new() })
+        Ok(Self { ingest, readings, next, first_ns, timer: PacingTimer::for_current_thread() })
     }
 
     /// Waits until the next sample is due and may be published, and publishes it. At maximum speed,

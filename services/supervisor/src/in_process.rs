@@ -192,7 +192,7 @@ fn pump(
     let (mut first_ns, mut shown_ns) = (None, 0);
     let needs_fused = plan.out.as_ref().is_some_and(AttitudeFile::needs_fused);
     let mut fused = Vec::new();
-    let mut timer = PacingTimer::new();
+    let mut timer = PacingTimer::for_current_thread();
     while !stop_requested.load(Ordering::SeqCst) && plan.config.max_ticks.is_none_or(|max| samples.ticks() < max) {
         let Some(mut sample) = samples.next(stop_requested, view)? else { break };
         let since_first_ns = sample.imu.header.t_end_ns - *first_ns.get_or_insert(sample.imu.header.t_end_ns);
