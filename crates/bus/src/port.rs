@@ -1,10 +1,11 @@
 //! Untyped ports of a topic, which send and receive bytes.
 //!
-//! Every payload passes through iceoryx2 as a slice of [`Word`]s of fixed length. Therefore
-//! iceoryx2's generic code is compiled once, in this crate, instead of for every payload type in
-//! every service. The topic's attributes describe the layout of the bytes.
+//! Every payload passes through iceoryx2 as a slice of [`Word`]s. Therefore iceoryx2's generic code
+//! is compiled once, in this crate, instead of for every payload type in every service. The topic's
+//! attributes describe the layout of the bytes. A checkpoint is sent without its unused words, and
+//! completed with zeros when it is received.
 
-use std::fmt;
+use std::{any::TypeId, cell::RefCell, fmt, ops::RangeInclusive};
 
 use graph::{Entry, Service};
 use iceoryx2::{
@@ -23,7 +24,7 @@ use iceoryx2::{
         port_factory::publish_subscribe::PortFactory,
     },
 };
-use messages::Message;
+use messages::{Checkpoint, Message};
 
 use crate::{error::BusError, limits::MAX_OBSERVERS, machine_limits::describe_cause};
 
@@ -59,7 +60,8 @@ type Word = u64;
 #[derive(Debug)]
 pub(crate) struct BusTopic {
     name: &'static str,
-    words: usize,
+    /// Permitted lengths of a message in words.
+    lengths: RangeInclusive<usize>,
     factory: PortFactory<ipc::Service, [Word], ()>,
 }
 
@@ -67,12 +69,12 @@ impl BusTopic {
     /// Opens or creates the topic of `M`. It buffers `buffer` messages per subscriber and keeps the
     /// same number as history.
     pub(crate) fn open_or_create<M: Message>(node: &Node<ipc::Service>, buffer: usize) -> Result<Self, BusError> {
-        Self::open_or_create_words(node, M::TOPIC, words::<M>(), &M::layout().to_string(), buffer)
+        Self::open_or_create_words(node, M::TOPIC, lengths::<M>(), &M::layout().to_string(), buffer)
     }
 
     /// Opens the existing topic of `M`.
     pub(crate) fn open<M: Message>(node: &Node<ipc::Service>) -> Result<Self, BusError> {
-        Self::open_existing(node, M::TOPIC.name, words::<M>(), &M::layout().to_string())
+        Self::open_existing(node, M::TOPIC.name, lengths::<M>(), &M::layout().to_string())
     }
 
     /// Creates a publishing port.
@@ -81,7 +83,7 @@ impl BusTopic {
             .factory
             .publisher_builder()
             .max_loaned_samples(1)
-            .initial_max_slice_len(self.words)
+            .initial_max_slice_len(*self.lengths.end())
             .create()
             .map_err(|cause| failed(self.name, &cause))?;
         Ok(Box::new(IoxOutPort { topic: self.name, port }))
@@ -92,7 +94,8 @@ impl BusTopic {
     pub(crate) fn subscriber(&self, buffer: usize, history: usize) -> Result<Box<dyn InPort>, BusError> {
         let builder = self.factory.subscriber_builder().buffer_size(buffer).history_request(history);
         let port = builder.create().map_err(|cause| failed(self.name, &cause))?;
-        Ok(Box::new(IoxInPort { topic: self.name, port }))
+        let lengths = self.lengths.clone();
+        Ok(Box::new(IoxInPort { topic: self.name, lengths, port, completed: RefCell::default() }))
     }
 
     /// Returns the maximum number of messages buffered per subscriber.
@@ -118,7 +121,7 @@ impl BusTopic {
     fn open_or_create_words(
         node: &Node<ipc::Service>,
         topic: &'static Entry,
-        words: usize,
+        lengths: RangeInclusive<usize>,
         layout: &str,
         buffer: usize,
     ) -> Result<Self, BusError> {
@@ -139,13 +142,13 @@ impl BusTopic {
             .max_nodes(MAX_NODES)
             .open_or_create_with_attributes(&required_layout(topic, layout)?)
             .map_err(|cause| open_error(node.config(), topic, &name, layout, buffer, &cause))?;
-        Ok(Self { name: topic, words, factory })
+        Ok(Self { name: topic, lengths, factory })
     }
 
     fn open_existing(
         node: &Node<ipc::Service>,
         topic: &'static str,
-        words: usize,
+        lengths: RangeInclusive<usize>,
         layout: &str,
     ) -> Result<Self, BusError> {
         let (name, builder) = builder(node, topic)?;
@@ -154,14 +157,15 @@ impl BusTopic {
             PublishSubscribeOpenError::DoesNotExist => BusError::TopicNotOpen { topic },
             cause => open_error(node.config(), topic, &name, layout, 0, &cause),
         })?;
-        Ok(Self { name: topic, words, factory })
+        Ok(Self { name: topic, lengths, factory })
     }
 }
 
 /// Publishing port for bytes. It is a trait object so that iceoryx2's drop code stays in this
 /// crate.
 pub(crate) trait OutPort: fmt::Debug {
-    /// Writes a message to the buffer of every subscriber.
+    /// Writes a message to the buffer of every subscriber. A checkpoint may be sent without its
+    /// unused words.
     fn send(&self, message: &[Word]) -> Result<(), BusError>;
     /// Delivers the buffered history to new subscribers.
     ///
@@ -202,12 +206,24 @@ impl OutPort for IoxOutPort {
 #[derive(Debug)]
 struct IoxInPort {
     topic: &'static str,
+    /// Permitted lengths of a message in words. The last is that of a complete message.
+    lengths: RangeInclusive<usize>,
     port: IoxSubscriber<ipc::Service, [Word], ()>,
+    /// Buffer in which a message is completed.
+    completed: RefCell<Vec<Word>>,
 }
 
 impl InPort for IoxInPort {
     fn receive(&self, handle: &mut dyn FnMut(&[u8])) -> Result<bool, BusError> {
         match self.port.receive() {
+            Ok(Some(sample)) if (*self.lengths.start()..*self.lengths.end()).contains(&sample.payload().len()) => {
+                let mut completed = self.completed.take();
+                completed.clear();
+                completed.extend_from_slice(sample.payload());
+                completed.resize(*self.lengths.end(), 0);
+                handle(bytemuck::cast_slice(&completed));
+                self.completed.replace(completed);
+            }
             Ok(Some(sample)) => handle(bytemuck::cast_slice(sample.payload())),
             Ok(None) => return Ok(false),
             Err(cause) => return Err(BusError::Receive { topic: self.topic, cause: describe_cause(&cause) }),
@@ -220,10 +236,12 @@ impl InPort for IoxInPort {
     }
 }
 
-/// Returns the number of words of a payload.
-const fn words<M: Message>() -> usize {
+/// Returns the permitted lengths of a payload in words. Only a checkpoint may be sent without its
+/// last words.
+fn lengths<M: Message>() -> RangeInclusive<usize> {
     const { assert!(size_of::<M>().is_multiple_of(size_of::<Word>()) && align_of::<M>() >= align_of::<Word>()) };
-    size_of::<M>() / size_of::<Word>()
+    let words = size_of::<M>() / size_of::<Word>();
+    if TypeId::of::<M>() == TypeId::of::<Checkpoint>() { Checkpoint::HEAD_WORDS..=words } else { words..=words }
 }
 
 type TopicBuilder = Builder<[Word], (), ipc::Service>;

@@ -13,7 +13,7 @@ use iceoryx2::{
     node::{Node, NodeBuilder},
     prelude::{LogLevel, NodeName, SignalHandlingMode, ipc, set_log_level},
 };
-use messages::Message;
+use messages::{Checkpoint, Message};
 
 use crate::{
     BusError, SystemName, WaitOutcome,
@@ -197,7 +197,13 @@ impl<M: Message> Publisher<M> {
     /// Writes a message to the buffer of every subscriber. It does not block and wakes no
     /// subscriber.
     pub fn send(&self, message: &M) -> Result<(), BusError> {
-        self.port.send(bytemuck::cast_slice(std::slice::from_ref(message)))?;
+        self.send_words(bytemuck::cast_slice(std::slice::from_ref(message)))
+    }
+
+    /// Writes the words of a message, or of a checkpoint without its unused words, to the buffer of
+    /// every subscriber.
+    fn send_words(&self, words: &[u64]) -> Result<(), BusError> {
+        self.port.send(words)?;
         self.waker.add_published();
         Ok(())
     }
@@ -244,6 +250,13 @@ impl<M: Message> Publisher<M> {
     /// Wakes the subscribers. Call it once after sending all messages.
     pub fn wake(&self) {
         self.waker.wake();
+    }
+}
+
+impl Publisher<Checkpoint> {
+    /// Writes a checkpoint to the buffer of every subscriber, without copying its unused words.
+    pub fn send_checkpoint(&self, checkpoint: &Checkpoint) -> Result<(), BusError> {
+        self.send_words(checkpoint.used_words())
     }
 }
 
@@ -356,5 +369,33 @@ impl<M: Message> Subscriber<M> {
     /// Returns `true` if [`wait`](Self::wait) would return immediately.
     pub fn has_new_message(&self) -> bool {
         self.waker.current() != self.observed.get()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use messages::ImuSample;
+
+    use super::*;
+
+    /// Returns the result of receiving a message of `words` words.
+    fn receive<M: Message>(words: usize) -> Result<Option<M>, BusError> {
+        let name = SystemName::new(&format!("test-length-{}-{}-{words}", std::process::id(), M::TOPIC.name)).unwrap();
+        let _claim = name.claim().unwrap();
+        let bus = Bus::join(&name, "test").unwrap();
+        let (publisher, subscriber) = (bus.publisher::<M>(4).unwrap(), bus.subscriber::<M>(4).unwrap());
+        publisher.port.send(&vec![0; words]).unwrap();
+        subscriber.receive()
+    }
+
+    #[test]
+    fn only_checkpoints_may_be_shorter() {
+        let complete = size_of::<ImuSample>() / 8;
+        assert!(matches!(receive::<ImuSample>(complete), Ok(Some(_))));
+        for words in [0, complete - 1] {
+            assert!(matches!(receive::<ImuSample>(words), Err(BusError::Receive { .. })), "{words}");
+        }
+        assert!(matches!(receive::<Checkpoint>(Checkpoint::HEAD_WORDS), Ok(Some(_))));
+        assert!(matches!(receive::<Checkpoint>(Checkpoint::HEAD_WORDS - 1), Err(BusError::Receive { .. })));
     }
 }

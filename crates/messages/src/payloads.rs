@@ -394,18 +394,36 @@ payload! {
 pub const CHECKPOINT_WORDS: usize = 1600;
 
 impl Checkpoint {
-    /// Returns the checksum of everything but the checksum itself and the unused words.
+    /// Number of words before the state words.
+    pub const HEAD_WORDS: usize = std::mem::offset_of!(Self, words) / size_of::<u64>();
+
+    /// Returns the words of the message without the unused state words, which are zero.
     ///
-    /// Most checkpoints use a small part of their words, and checkpoints are checked often.
-    pub fn compute_checksum(&self) -> u64 {
-        let Self { checksum, slot_words, common_words, stage_words, .. } = self;
+    /// Most checkpoints use a small part of their state words.
+    pub fn used_words(&self) -> &[u64] {
+        let Self { slot_words, common_words, stage_words, .. } = self;
         let words: &[u64] = bytemuck::cast_slice(std::slice::from_ref(self));
-        let checksum_index = std::mem::offset_of!(Self, checksum) / size_of_val(checksum);
-        let state_index = std::mem::offset_of!(Self, words) / size_of::<u64>();
         // The counts of a damaged checkpoint can have any value.
         let used = [slot_words, common_words, stage_words].map(|count| (*count as usize).min(CHECKPOINT_WORDS));
-        let end = (state_index + used.iter().sum::<usize>()).min(words.len());
-        let (before, after) = (&words[..checksum_index], &words[checksum_index + 1..end]);
+        &words[..(Self::HEAD_WORDS + used.iter().sum::<usize>()).min(words.len())]
+    }
+
+    /// Replaces this checkpoint. The unused words of both must be zero; those that neither uses are
+    /// not accessed.
+    pub fn replace_with(&mut self, new: &Self) {
+        let (new, old_end) = (new.used_words(), self.used_words().len());
+        let words: &mut [u64] = bytemuck::cast_slice_mut(std::slice::from_mut(self));
+        words[..new.len()].copy_from_slice(new);
+        if let Some(unused) = words.get_mut(new.len()..old_end) {
+            unused.fill(0);
+        }
+    }
+
+    /// Returns the checksum of everything but the checksum itself and the unused words.
+    pub fn compute_checksum(&self) -> u64 {
+        let words = self.used_words();
+        let checksum_index = std::mem::offset_of!(Self, checksum) / size_of::<u64>();
+        let (before, after) = (&words[..checksum_index], &words[checksum_index + 1..]);
         crate::hash_words(crate::hash_words(crate::HASH_START, before), after)
     }
 
@@ -687,6 +705,20 @@ const _: () = {
 mod tests {
     use super::*;
     use crate::{HASH_START, Message, Ticked, hash, layouts};
+
+    #[test]
+    fn replaced_checkpoint_equals_new_one() {
+        let checkpoint = |used_words: usize| {
+            let mut checkpoint = Checkpoint { slot_words: used_words as u32, ..bytemuck::Zeroable::zeroed() };
+            checkpoint.words[..used_words].fill(used_words as u64);
+            checkpoint
+        };
+        for (old, new) in [(0, 5), (5, 3), (3, 3), (CHECKPOINT_WORDS, 0), (0, CHECKPOINT_WORDS)] {
+            let mut replaced = checkpoint(old);
+            replaced.replace_with(&checkpoint(new));
+            assert_eq!(bytemuck::bytes_of(&replaced), bytemuck::bytes_of(&checkpoint(new)), "{old} {new}");
+        }
+    }
 
     #[test]
     fn layouts_match_the_golden_file() {

@@ -156,7 +156,7 @@ impl<S: SlotProcessor> SlotLoop<S> {
     /// Publishes a checkpoint if one is due.
     fn publish_checkpoint(&mut self) -> Result<(), RuntimeError> {
         match self.service.checkpoint() {
-            Ok(Some(checkpoint)) => Ok(self.checkpoints.send(checkpoint)?),
+            Ok(Some(checkpoint)) => Ok(self.checkpoints.send_checkpoint(checkpoint)?),
             Ok(None) => Ok(()),
             Err(cause) => Err(RuntimeError::StageFailed { slot: S::SLOT, cause }),
         }

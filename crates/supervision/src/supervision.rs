@@ -88,7 +88,7 @@ impl Supervision {
             Event::SpawnFailed { incarnation, cause } => self.on_spawn_failed(incarnation, cause),
             Event::Exited { incarnation, exit_status, stderr } => self.on_exit(incarnation, exit_status, stderr),
             Event::Health(health) => self.on_health(health),
-            Event::Checkpoint(checkpoint) => self.on_checkpoint(*checkpoint),
+            Event::Checkpoint(checkpoint) => self.on_checkpoint(checkpoint),
             Event::Difference(difference) => self.on_difference(&difference),
             Event::Published { service, next_tick } => self.on_published(service, next_tick),
             Event::Output(output) => self.on_output(output),
@@ -114,8 +114,8 @@ impl Supervision {
         self.poll_watches();
     }
 
-    fn on_checkpoint(&mut self, checkpoint: Checkpoint) {
-        let Checkpoint { service, incarnation, next_tick, .. } = checkpoint;
+    fn on_checkpoint(&mut self, checkpoint: Box<Checkpoint>) {
+        let Checkpoint { service, incarnation, next_tick, .. } = *checkpoint;
         if !self.swaps.accepts_checkpoint(service, incarnation, next_tick) {
             return;
         }

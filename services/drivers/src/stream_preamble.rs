@@ -59,7 +59,7 @@ impl StreamPreamble {
         self.text.truncate(complete_bytes);
         self.is_complete = true;
         let Self { text, checkpoints, incarnation, .. } = self;
-        checkpoints.iter().try_for_each(|checkpoints| checkpoints.send(&to_checkpoint(text, *incarnation)))
+        checkpoints.iter().try_for_each(|checkpoints| checkpoints.send_checkpoint(&to_checkpoint(text, *incarnation)))
     }
 
     /// Discards the preamble. Called before the bytes of another sender are recorded.

@@ -391,7 +391,7 @@ impl Ingest {
         checkpoint.slot_words = 2;
         checkpoint.words[..2].copy_from_slice(&[self.start_ns, self.conditioner.offset_ns().cast_unsigned()]);
         checkpoint.checksum = checkpoint.compute_checksum();
-        Ok(self.checkpoints.send(checkpoint)?)
+        Ok(self.checkpoints.send_checkpoint(checkpoint)?)
     }
 
     /// Delivers the history of the topics to new subscribers.

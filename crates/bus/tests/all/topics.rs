@@ -7,10 +7,10 @@ use std::{
     time::{Duration, Instant},
 };
 
-use bus::{Bus, BusError, Claim, FileMonitor, Publisher, Subscriber, SystemName, WaitOutcome};
+use bus::{Bus, BusError, Claim, FileMonitor, Observer, Publisher, Subscriber, SystemName, WaitOutcome};
 use bytemuck::Zeroable;
-use graph::Entry;
-use messages::{Field, Health, ImuSample, Layout, Message, Reference};
+use graph::{Entry, Topic};
+use messages::{CHECKPOINT_WORDS, Checkpoint, Field, Health, ImuSample, Layout, Message, Reference};
 
 const BUFFER: usize = 64;
 /// Upper limit for waits in these tests, so that a failed test ends.
@@ -603,6 +603,26 @@ fn truncated_and_overwritten_permanent_files_are_found() {
     state.write_all_at(&[0x55; 64], 0).unwrap();
     assert!(!claim.has_intact_state());
     drop((subscriber, publisher, bus, claim));
+}
+
+#[test]
+fn unused_words_of_checkpoint_arrive_as_zeros() {
+    let system_name = system_name();
+    let claim = system_name.claim().unwrap();
+    let bus = Bus::join(&system_name, "supervisor").unwrap();
+    let (publisher, subscriber) = (bus.publisher::<Checkpoint>(4).unwrap(), bus.subscriber::<Checkpoint>(4).unwrap());
+    let tap = Observer::attach(&system_name, "test").unwrap().tap(Topic::Checkpoint).unwrap();
+    for used_words in [3, CHECKPOINT_WORDS, 1, 0] {
+        let mut checkpoint = Checkpoint { next_tick: 7, slot_words: used_words as u32, ..bytemuck::Zeroable::zeroed() };
+        checkpoint.words[..used_words].fill(u64::MAX);
+        publisher.send_checkpoint(&checkpoint).unwrap();
+        let received = subscriber.receive().unwrap().unwrap();
+        assert_eq!(bytemuck::bytes_of(&received), bytemuck::bytes_of(&checkpoint), "{used_words}");
+        let mut tapped = Vec::new();
+        tap.drain(&mut |bytes| tapped.push(bytes.to_vec())).unwrap();
+        assert_eq!(tapped, [bytemuck::bytes_of(&checkpoint)], "{used_words}");
+    }
+    drop((tap, publisher, subscriber, bus, claim));
 }
 
 #[test]

@@ -31,6 +31,6 @@ impl ProgressCheckpoints {
         };
         checkpoint.words[0] = run;
         checkpoint.checksum = checkpoint.compute_checksum();
-        Ok(self.checkpoints.send(&checkpoint)?)
+        Ok(self.checkpoints.send_checkpoint(&checkpoint)?)
     }
 }
