@@ -15,9 +15,9 @@
 //! memory instead.
 
 mod bootstrap;
-mod damaged_files;
 mod error;
 mod feeder;
+mod file_monitor;
 mod limits;
 mod machine_limits;
 mod observer;
@@ -33,9 +33,9 @@ mod tap;
 mod topic;
 mod wake;
 
-pub use damaged_files::FileMonitor;
 pub use error::BusError;
 pub use feeder::Feeder;
+pub use file_monitor::FileMonitor;
 pub use limits::{MAX_OBSERVERS, Mib, OPEN_FILES_REMEDY, REQUIRED_OPEN_FILES, SHARED_MEMORY_REMEDY, SharedMemory};
 pub use machine_limits::report_memory_exhaustion;
 pub use observer::Observer;

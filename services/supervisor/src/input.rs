@@ -52,6 +52,8 @@ pub(crate) struct InputTopics {
     imu: Subscriber<ImuSample>,
     mag: Subscriber<MagSample>,
     fields: FieldQueue,
+    /// Samples of the current poll. The buffer is reused.
+    samples: Vec<ImuSample>,
     buffer: usize,
 }
 
@@ -64,20 +66,20 @@ impl InputTopics {
         }
         let buffer = config.buffer_ticks();
         let (imu, mag) = (bus.subscriber(buffer)?, bus.subscriber(buffer)?);
-        Ok(Some(Self { imu, mag, fields: FieldQueue::default(), buffer }))
+        Ok(Some(Self { imu, mag, fields: FieldQueue::default(), samples: Vec::new(), buffer }))
     }
 
     /// Checks the messages received and returns new warnings to announce.
     pub(crate) fn poll(&mut self, checker: &mut InputChecker) -> Vec<String> {
-        let Self { imu, mag, fields, buffer } = self;
-        let mut samples = Vec::new();
+        let Self { imu, mag, fields, samples, buffer } = self;
+        samples.clear();
         // A magnetic field is published before the sample of its tick, so the fields of these
         // samples have arrived.
         let _ = imu.drain(*buffer, |sample| samples.push(sample));
         let _ = mag.drain(*buffer, |field| fields.push(field));
         let mut lines = Vec::new();
         for sample in samples {
-            lines.extend(checker.check(&sample, fields.take(sample.header.tick).as_ref()));
+            lines.extend(checker.check(sample, fields.take(sample.header.tick).as_ref()));
         }
         lines
     }

@@ -16,8 +16,9 @@ use rustix::process::{
     Pid, Signal, WaitOptions, getpgid, getpid, kill_process, kill_process_group, set_child_subreaper, waitpid,
 };
 
-/// Interval between two searches.
-const SEARCH_INTERVAL: Duration = Duration::from_millis(500);
+/// Interval between two searches while no service exits. The exit of a service's child process
+/// causes no notification.
+const SEARCH_INTERVAL: Duration = Duration::from_secs(1);
 /// Time limit for the last orphans to exit at shutdown.
 const SHUTDOWN_TIMEOUT: Duration = Duration::from_millis(500);
 const SHUTDOWN_POLL_INTERVAL: Duration = Duration::from_millis(2);
@@ -46,9 +47,9 @@ impl Orphans {
         self.known.insert(pid);
     }
 
-    /// Kills and reaps orphans, at most once per interval.
-    pub(crate) fn poll(&mut self) {
-        if self.last_search.elapsed() >= SEARCH_INTERVAL {
+    /// Kills and reaps orphans if a service has exited or an interval has passed.
+    pub(crate) fn poll(&mut self, has_exits: bool) {
+        if has_exits || self.last_search.elapsed() >= SEARCH_INTERVAL {
             self.last_search = Instant::now();
             self.kill();
         }
@@ -58,7 +59,9 @@ impl Orphans {
     /// number of orphans found.
     fn kill(&mut self) -> usize {
         let children = children();
-        self.known.retain(|pid| children.contains(pid));
+        // The kernel may leave a process out of the list while another one is being reaped.
+        let exists = |pid: &u32| Pid::from_raw(*pid as i32).is_some_and(|pid| getpgid(Some(pid)).is_ok());
+        self.known.retain(|pid| children.contains(pid) || exists(pid));
         let own_group = getpgid(None).ok();
         let is_foreign =
             |group: &Pid| Some(*group) != own_group && !self.known.contains(&(group.as_raw_nonzero().get() as u32));

@@ -151,7 +151,7 @@ impl Processes {
         });
         let children: Vec<_> = ended.map(|(_, process)| process.child).collect();
         children.into_iter().for_each(|child| self.reap_in_background(child));
-        self.orphans.poll();
+        self.orphans.poll(!exits.is_empty());
         exits
     }
 

@@ -244,7 +244,8 @@ impl System {
         if !claim.has_intact_state() {
             return Err(BusError::SharedStateDamaged { path: system_name.shared_state_path() }.into());
         }
-        let removed = system_name.removed_file(&pids).map(|path| (path, FileFault::Removed));
+        let removed = self.file_monitor.removed_file(system_name, &pids, has_exits);
+        let removed = removed.map(|path| (path, FileFault::Removed));
         let damaged = || Some((self.file_monitor.damaged_file(system_name)?, FileFault::Damaged));
         if let Some((path, fault)) = removed.or_else(damaged) {
             return self.handle(Event::FilesUnusable { path, fault }, collector);

@@ -606,6 +606,33 @@ fn truncated_and_overwritten_permanent_files_are_found() {
 }
 
 #[test]
+fn removed_files_are_found_after_checks_without_one() {
+    let mut systems = ["dynamic", "data", "service", "wake", "members"].map(|kind| {
+        let system_name = system_name();
+        let claim = system_name.claim().unwrap();
+        let bus = Bus::join(&system_name, "supervisor").unwrap();
+        let publisher = bus.publisher::<ImuSample>(BUFFER).unwrap();
+        let path = match kind {
+            "wake" => system_name.shared_state_path(),
+            "members" => system_name.shared_state_path().with_extension(kind),
+            _ => permanent_files(&system_name).into_iter().find(|path| path.extension().unwrap() == kind).unwrap(),
+        };
+        (FileMonitor::default(), system_name, path, (publisher, bus, claim))
+    });
+    for is_removed in [false, false, true, true] {
+        // The folders have not changed for longer than the resolution of their times.
+        std::thread::sleep(Duration::from_millis(250));
+        for (monitor, system_name, path, _) in &mut systems {
+            if is_removed && path.exists() {
+                fs::remove_file(&path).unwrap();
+            }
+            let removed = monitor.removed_file(system_name, &[std::process::id()], false);
+            assert_eq!(removed.as_ref(), Some(&*path).filter(|_| is_removed));
+        }
+    }
+}
+
+#[test]
 fn unused_words_of_checkpoint_arrive_as_zeros() {
     let system_name = system_name();
     let claim = system_name.claim().unwrap();
