@@ -13,7 +13,8 @@ const MAX_CHECKPOINTS: usize = 32;
 ///
 /// An owner resumes only from its own checkpoints. A checkpoint takes 13 kB, of which it uses
 /// little. Once a list is full, the oldest checkpoint is overwritten, so that few memory pages are
-/// accessed.
+/// accessed. The lists are allocated once, because reallocating them at every swap would fragment
+/// the heap.
 #[derive(Debug)]
 pub(crate) struct CheckpointStore {
     owners: [VecDeque<Box<Checkpoint>>; Service::ALL.len()],
@@ -41,12 +42,13 @@ pub(crate) struct CheckpointStore {
 impl CheckpointStore {
     /// Creates an empty store for the services of a launch file.
     pub(crate) fn new(launch: &Launch) -> Self {
+        let empty = |_| VecDeque::with_capacity(MAX_CHECKPOINTS);
         let subscribers =
             |service: Service| service.downstream().filter(|subscriber| launch.consumes_ticks(*subscriber)).collect();
         Self {
             subscribers: Service::ALL.map(subscribers),
-            owners: Default::default(),
-            candidates: Default::default(),
+            owners: std::array::from_fn(empty),
+            candidates: std::array::from_fn(empty),
             output_tick: None,
             positions: Default::default(),
             held_from: 0,
@@ -363,6 +365,27 @@ mod tests {
         let resumes = |from_tick| store.resume(Service::Fuser, from_tick).next_tick();
         assert_eq!(resumes(60), Some(55), "the previous stage publishes the ticks before 60");
         assert_eq!(resumes(0), Some(30));
+    }
+
+    #[test]
+    fn swaps_do_not_reallocate() {
+        let mut store = store();
+        let capacities = |store: &CheckpointStore| {
+            store.owners.iter().chain(&store.candidates).map(VecDeque::capacity).collect::<Vec<_>>()
+        };
+        let before = capacities(&store);
+        for tick in 0..1000 {
+            store.record(checkpoint(Service::Gyro, tick));
+            store.record_candidate(checkpoint(Service::Gyro, tick));
+            match tick % 100 {
+                50 => store.clear_candidate(Service::Gyro),
+                99 => store.promote(Service::Gyro),
+                _ => {}
+            }
+        }
+        store.promote(Service::Course);
+        Service::ALL.into_iter().for_each(|service| store.clear_candidate(service));
+        assert_eq!(capacities(&store), before);
     }
 
     #[test]
