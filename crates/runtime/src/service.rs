@@ -1,7 +1,5 @@
 //! Main loop of a slot's service on the bus.
 
-use std::thread::yield_now;
-
 use bus::{BusError, Publisher, Subscriber};
 use messages::{Checkpoint, Control, State, Ticked};
 
@@ -98,10 +96,9 @@ impl<S: SlotProcessor> SlotLoop<S> {
 
     /// Reads the inputs and publishes the outputs of ticks that the service owns.
     fn poll(&mut self) -> Result<(), RuntimeError> {
-        self.output.deliver_history()?;
         let owned_before = self.service.owns_next_tick();
         let Self { context, inputs, service, output, shadow, batch_size, max_polls, .. } = self;
-        let (mut polls_left, mut started_ns) = (*max_polls, None);
+        let (mut polls_left, mut started_ns, mut has_sent) = (*max_polls, None, false);
         let may_continue = |_: &mut SlotService<S>| {
             let now_ns = monotonic_ns();
             polls_left = polls_left.saturating_sub(1);
@@ -112,6 +109,7 @@ impl<S: SlotProcessor> SlotLoop<S> {
             let has_more = inputs[input].drain(*batch_size, &mut |message| {
                 let mut on_computed = |out: &S::Output| shadow.iter_mut().for_each(|shadow| shadow.record(out));
                 service.offer(message, &mut on_computed, &mut |out| {
+                    has_sent = true;
                     failed = failed.take().or(publish(output, out).err());
                 });
             })?;
@@ -125,6 +123,10 @@ impl<S: SlotProcessor> SlotLoop<S> {
             }
             Ok(has_more)
         })?;
+        // Sending a message also delivers the history.
+        if !has_sent {
+            output.deliver_history()?;
+        }
         // A health report confirms that the service gave up its ownership, so it is published
         // immediately.
         if owned_before && !service.owns_next_tick() {
@@ -186,8 +188,7 @@ impl<S: SlotProcessor> ServiceLoop for SlotLoop<S> {
 
     fn wait(&mut self) {
         let Some(awaited) = self.inputs.get(self.service.awaited_input()) else { return };
-        let is_published =
-            self.service.has_incomplete_tick() && self.brief_wait.wait(yield_now, || awaited.has_new_message());
+        let is_published = self.service.has_incomplete_tick() && self.brief_wait.wait(|| awaited.has_new_message());
         if !is_published {
             self.context.wait(&**awaited);
         }

@@ -202,9 +202,11 @@ impl<S: SlotProcessor> Worker<S> {
     fn poll(&mut self, context: &mut PollContext<'_>) -> bool {
         let owned_next_tick = self.service.owns_next_tick();
         let mut report_now = self.health_sent_ms.is_none();
+        if !self.process_inputs(context) {
+            return false;
+        }
         (self.output)(context.bus).deliver_history(self.health.incarnation);
-        let is_alive = self.process_inputs(context) && self.apply_decisions(context, &mut report_now);
-        if !is_alive {
+        if !self.apply_decisions(context, &mut report_now) {
             return false;
         }
         // The stages of a simulation do not fail.
