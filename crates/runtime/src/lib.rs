@@ -21,7 +21,7 @@
 //! | [`ordered_subscriber`] | subscriber that delivers each tick once and in order |
 //! | [`slot_service`] | service of a slot, independent of bus and clock |
 //! | [`input_scheduling`] | choice of the input that is polled next |
-//! | `brief_wait` | wait without sleeping for the rest of a tick |
+//! | `brief_wait` | limited yields of the processor to other services |
 //! | [`service`] | main loop of a service on the bus |
 //! | [`comparable`] | attitude of an output, for comparison |
 //! | [`shadow`] | comparison of a candidate with the owner of its slot |
@@ -54,6 +54,7 @@ pub mod slot_service;
 pub mod stage;
 pub mod stderr_tail;
 
+pub use brief_wait::BriefWait;
 pub use error::RuntimeError;
 pub use join::{Join, JoinInput, JoinInputs, Joined};
 pub use ordered_subscriber::{OrderedSubscriber, SlotInput, SlotInputs};

@@ -13,7 +13,7 @@
 mod feed;
 mod raw_reading_publisher;
 
-use std::time::Duration;
+use std::{num::NonZeroUsize, thread::available_parallelism, time::Duration};
 
 use bus::{BusError, Publisher, Subscriber};
 use bytemuck::Zeroable as _;
@@ -27,7 +27,7 @@ use readings::{
     source::{Reading, Readings, SourceError, Truth},
 };
 use runtime::{
-    Pace, PacingTimer, RuntimeError, ServiceConfig, ServiceContext,
+    BriefWait, Pace, PacingTimer, RuntimeError, ServiceConfig, ServiceContext,
     clock::monotonic_ns,
     service_config::{CONTROL_BUFFER, Resume},
 };
@@ -41,6 +41,12 @@ const MAX_BATCH_SAMPLES: usize = 64;
 const REJECTED_PER_CHECK: u64 = 1024;
 /// Maximum sleep, so that health is published and a stop request is noticed in time.
 const MAX_SLEEP: Duration = Duration::from_millis(50);
+/// Shortest interval between samples at which the processor is yielded to the subscribers, s.
+///
+/// At shorter intervals, the other processors stay awake and start the subscribers without delay.
+/// Yields save 5 % of the processor time of a system at 1 kHz to 4 kHz. At 8 kHz they save 2 %, but
+/// increase the latency by 7 %.
+const MIN_YIELD_INTERVAL_S: f64 = 2e-4;
 
 /// Error that ended the service.
 #[derive(Debug, thiserror::Error)]
@@ -90,6 +96,12 @@ pub struct PacedIngest {
     /// End of the first sample's interval on the source's clock, ns.
     first_ns: i64,
     timer: PacingTimer,
+    /// Yields the processor to the subscribers of a sample; `None` if that has no benefit.
+    ///
+    /// The kernel starts some of the subscribers on the processor of this service. Without a yield,
+    /// they would start only after the next sample is computed, or interrupt this service. `fuser`
+    /// would wait for them, and often sleep twice per tick.
+    brief_wait: Option<BriefWait>,
 }
 
 impl PacedIngest {
@@ -112,7 +124,9 @@ impl PacedIngest {
             next = ingest.read(&mut readings, State::READY)?;
             ingest.publish_health(State::READY)?;
         }
-        Ok(Self { ingest, readings, next, first_ns, timer: PacingTimer::for_current_thread() })
+        let processors = available_parallelism().map_or(1, NonZeroUsize::get);
+        let brief_wait = should_yield(&ingest.context.config, processors).then(BriefWait::default);
+        Ok(Self { ingest, readings, next, first_ns, timer: PacingTimer::for_current_thread(), brief_wait })
     }
 
     /// Waits until the next sample is due and may be published, and publishes it. At maximum speed,
@@ -124,7 +138,7 @@ impl PacedIngest {
     ///
     /// Returns an error if the bus or the source fails.
     pub fn run_round(&mut self) -> Result<bool, IngestError> {
-        let Self { ingest, readings, next, first_ns, timer } = self;
+        let Self { ingest, readings, next, first_ns, timer, brief_wait } = self;
         let (false, Some(sample)) = (ingest.context.should_stop(), &*next) else { return Ok(false) };
         ingest.drain_credit()?;
         ingest.deliver_history()?;
@@ -143,7 +157,8 @@ impl PacedIngest {
             Pace::Speed(_) if tick < ingest.catch_up_end_tick => 0,
             Pace::Speed(speed) => ingest.due_ns(t_end_ns - *first_ns, speed, now_ns),
         };
-        if now_ns < due_ns {
+        let has_slept = now_ns < due_ns;
+        if has_slept {
             timer.sleep_until_ns(due_ns, MAX_SLEEP);
             // A signal or the limit ends the sleep early.
             if monotonic_ns() < due_ns {
@@ -161,6 +176,7 @@ impl PacedIngest {
             if batch == 1 {
                 // The subscribers process this sample while the next one is computed.
                 ingest.imu.wake();
+                brief_wait.iter_mut().filter(|_| has_slept).for_each(BriefWait::yield_once);
             }
             following = ingest.read(readings, State::RUNNING).map(|sample| *next = sample);
             if following.is_err() {
@@ -174,6 +190,17 @@ impl PacedIngest {
         ingest.publish_health(State::RUNNING)?;
         Ok(true)
     }
+}
+
+/// Returns `true` if a service with this configuration should yield the processor after each sample
+/// for which it has slept. With a single processor, a yield would only add a system call to the
+/// switches between the services.
+fn should_yield(config: &ServiceConfig, processors: usize) -> bool {
+    let is_interval_long = match config.pace {
+        Pace::Speed(speed) => config.rate_hz * speed * MIN_YIELD_INTERVAL_S <= 1.0,
+        Pace::Max => false,
+    };
+    is_interval_long && processors > 1
 }
 
 struct Ingest {
@@ -429,5 +456,26 @@ impl Ingest {
 
     fn max_ticks(&self) -> u64 {
         self.context.config.max_ticks.unwrap_or(u64::MAX)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use launch::Launch;
+
+    use super::*;
+
+    fn yields(rate_hz: f64, pace: Pace, processors: usize) -> bool {
+        should_yield(&ServiceConfig::standalone(Launch::default(), rate_hz, pace), processors)
+    }
+
+    #[test]
+    fn ingest_yields_only_at_low_rates_with_several_processors() {
+        assert!(yields(5000.0, Pace::Speed(1.0), 2));
+        assert!(yields(1000.0, Pace::Speed(5.0), 2));
+        assert!(!yields(5001.0, Pace::Speed(1.0), 2));
+        assert!(!yields(1000.0, Pace::Speed(6.0), 2));
+        assert!(!yields(1.0, Pace::Max, 2));
+        assert!(!yields(1000.0, Pace::Speed(1.0), 1));
     }
 }
