@@ -8,8 +8,8 @@
 //!
 //! If another program needs the processor, a yield can last for milliseconds. A sleep would not,
 //! because the kernel favours tasks that wake up. Yields are therefore suspended after a long one.
-//! They are also suspended if the awaited message is repeatedly not published in time, such as a
-//! message from another host.
+//! They are also suspended after several waits in a row without a message, for example because an
+//! input comes from another host.
 
 use std::{thread, time::Duration};
 

@@ -33,7 +33,8 @@ impl RecordedTopics {
 fn open<M: Message>(topic: Topic, bus: &Bus, config: &ServiceConfig) -> Result<DrainTopic, BusError> {
     let buffer = config.buffer_size(M::TOPIC);
     let subscriber = bus.subscriber::<M>(buffer)?;
-    // A subscriber has a buffer for each publisher.
+    // A subscriber has a buffer for each publisher. If there are several, each message contains the
+    // incarnation of its publisher.
     let publishers = if M::TOPIC.publisher.is_many() { Service::ALL.len() } else { 1 };
     let incarnation = messages::layout(topic).fields.into_iter().find(|field| field.name == "incarnation");
     let range = incarnation.filter(|_| publishers > 1).map(|field| field.offset..field.offset + size_of::<u32>());
