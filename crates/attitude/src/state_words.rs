@@ -6,7 +6,7 @@
 use crate::{
     Quaternion, Vector3,
     course::{CourseEstimate, CourseReference, LastReading},
-    fuser::{Estimate, supervised::SupervisedState},
+    fuser::Estimate,
     point::{Chart, Point},
     state::Attitude,
 };
@@ -152,21 +152,6 @@ impl StateWords for Estimate {
         leaky_velocity.velocity_m_s.re.visit(visit);
         leaky_velocity.velocity_m_s.im.visit(visit);
         leaky_velocity.sd_m_s.visit(visit);
-    }
-}
-
-impl StateWords for SupervisedState {
-    #[inline]
-    fn visit(&mut self, visit: &mut dyn FnMut(&mut u64)) {
-        let Self { previous_motion, is_aligned, reset_counter, rate_outage_s, attitude, force_m_s2, has_rotated } =
-            self;
-        previous_motion.visit(visit);
-        is_aligned.visit(visit);
-        reset_counter.visit(visit);
-        rate_outage_s.visit(visit);
-        attitude.visit(visit);
-        force_m_s2.visit(visit);
-        has_rotated.visit(visit);
     }
 }
 

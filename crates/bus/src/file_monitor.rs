@@ -18,7 +18,7 @@ use rustix::{
     process::geteuid,
 };
 
-use crate::{Claim, SystemName, removed_files::OWNER_WRITABLE, system_name::SHARED_MEMORY};
+use crate::{Claim, SystemName, limits::SHARED_MEMORY, removed_files::OWNER_WRITABLE};
 
 /// Size of the format version at the start of a segment, bytes.
 const VERSION_BYTES: usize = 8;

@@ -4,8 +4,8 @@ use std::fmt;
 
 use rustix::fs::statvfs;
 
-use crate::system_name::SHARED_MEMORY;
-
+/// Folder that contains the segments and folders of all systems.
+pub(crate) const SHARED_MEMORY: &str = "/dev/shm";
 /// Maximum number of observers of a system at the same time.
 pub const MAX_OBSERVERS: usize = 4;
 /// Number of files that a process must be allowed to open. In a system of five services a process

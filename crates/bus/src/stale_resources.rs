@@ -13,10 +13,12 @@ use iceoryx2::{
 };
 
 use crate::{
-    BusError, MAX_OBSERVERS, Port, SystemName, owned_files,
+    BusError, MAX_OBSERVERS, Port, SystemName,
+    limits::SHARED_MEMORY,
+    owned_files,
     removed_files::DELETED_SUFFIX,
     session::list_processes,
-    system_name::{NAME_PREFIX, OWNER_START_TIMEOUT, POLL_INTERVAL, SHARED_MEMORY},
+    system_name::{NAME_PREFIX, OWNER_START_TIMEOUT, POLL_INTERVAL},
 };
 
 /// Extensions of the segments with predictable names: the state of a topic, and the number of

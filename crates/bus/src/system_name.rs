@@ -13,13 +13,13 @@ use iceoryx2::prelude::{Config, FileName, Path as IoxPath, SemanticString};
 use rustix::fs::{FlockOperation, flock};
 
 use crate::{
-    BusError, owned_files,
+    BusError,
+    limits::SHARED_MEMORY,
+    owned_files,
     port::MAX_SERVICE_PORTS,
     shared_state::{SHARED_STATE_BYTES, SharedState},
 };
 
-/// Folder that contains the segments and folders of all systems.
-pub(crate) const SHARED_MEMORY: &str = "/dev/shm";
 /// Start of the names of a system's segments and folder. The system name follows it.
 pub(crate) const NAME_PREFIX: &str = "plumbline.";
 /// Timeout for the services of a previous owner to exit.

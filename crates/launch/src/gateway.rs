@@ -2,16 +2,16 @@
 
 use std::{collections::BTreeMap, ops::RangeInclusive, path::PathBuf};
 
-use graph::{Buffer, Topic};
+use graph::{Buffer, Presence, Topic};
 use serde::{Deserialize, Serialize};
 use toml::de::DeValue;
 
 use crate::{
     description::Key,
     endpoint::{self, LOOPBACK_ENDPOINT, MAX_ENDPOINTS, MAX_TUNNELS},
-    keys::keys,
-    kind::{By, File, NAME, Optional, Table, Texts},
-    split,
+    keys::{Kind, keys},
+    kind::{By, File, NAME, Optional, Table, Texts, many_of},
+    problem::{Problem, quoted},
     toml_reader::{Section, Values},
 };
 
@@ -37,7 +37,7 @@ keys! {
         rates: BTreeMap<String, TopicRate> = default_rates(), Table(rates);
         /// Topics for slots on other hosts. Every tick is sent, and is sent again to hosts that
         /// missed it.
-        export: Vec<String> = Vec::new(), By(split::topics);
+        export: Vec<String> = Vec::new(), By(split_topics);
         /// Time for which exported ticks are kept for a disconnected host.
         cache_s: f64 = 30.0, 1.0..=600.0, unit "s";
         /// Topics imported from the slots of another host.
@@ -81,7 +81,7 @@ keys! {
         /// Vehicle name of the other host's gateway.
         vehicle: String = String::new(), NAME, example r#""board""#;
         /// Topics received from the other host.
-        topics: Vec<String> = Vec::new(), By(split::topics), example r#"["gyro", "accel", "mag", "gnss"]"#;
+        topics: Vec<String> = Vec::new(), By(split_topics), example r#"["gyro", "accel", "mag", "gnss"]"#;
     }
 }
 
@@ -155,6 +155,31 @@ fn rates(out: &mut BTreeMap<String, TopicRate>, section: &mut Section<'_, '_>) {
         });
         out.extend(rate.map(|rate| (entry.name.into(), rate)));
     }
+}
+
+/// Reads topics that are exchanged between hosts. They are stored in the order of the topic table,
+/// without duplicates.
+fn split_topics(section: &mut Section<'_, '_>, key: Key, out: &mut Vec<String>) {
+    let mut listed = Vec::new();
+    many_of(Topic::carried().map(|topic| (topic.name(), topic))).read(section, key, &mut listed);
+    if !section.is_set(key.name) {
+        return;
+    }
+    *out = Topic::carried().filter(|topic| listed.contains(topic)).map(|topic| topic.name().into()).collect();
+    if !listed.iter().any(|topic| has_every_tick(*topic)) {
+        let [dense, sparse] = [true, false].map(|dense| {
+            Topic::carried().filter(|topic| has_every_tick(*topic) == dense).map(Topic::name).collect::<Vec<_>>()
+        });
+        let note =
+            Some(format!("{} have messages only for some ticks, marked by flags of the others", sparse.join(" and ")));
+        let title = format!("{}: one of {} must be among the topics", key.name, quoted(&dense));
+        let span = section.span(key.name).unwrap_or_default();
+        section.report(Problem { note, ..Problem::new(span, title, "no topic with every tick") });
+    }
+}
+
+fn has_every_tick(topic: Topic) -> bool {
+    topic.entry().presence == Presence::EveryTick
 }
 
 #[cfg(test)]

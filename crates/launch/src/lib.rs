@@ -15,6 +15,7 @@
 //! | `ingest` | source of the samples, and their limits |
 //! | `slot_stage` | stages allowed in a slot |
 //! | `live_sources` | sources that send in real time |
+//! | `serial_line` | baud rate of a serial line |
 //! | `format` | byte formats of ports |
 //! | `source_uri` | a source in one line |
 //! | `sensors` | kind of rate sample, calibration and mounting of the sensors |
@@ -56,6 +57,7 @@ mod problem;
 mod promotion_rule;
 mod schema;
 mod sensors;
+mod serial_line;
 mod service_unit;
 mod slot_stage;
 mod source_uri;
@@ -75,7 +77,7 @@ pub use gateway::{Gateway, Import, Tls, TopicRate};
 pub use ingest::{BusSource, Gnss, Ingest, Replay, Sim, Source};
 pub use live_sources::{
     Clock, DEFAULT_IIO_RATE_HZ, DEFAULT_RATE_HZ, IioDevice, LiveSources, MavlinkSource, Port, ReceiverSource,
-    SerialLine, SerialSource, StdinSource, Stream, TcpSource, UdpSource,
+    SerialSource, StdinSource, Stream, TcpSource, UdpSource,
 };
 pub use model::{Launch, OnLimit, Restart, StateFile};
 pub use north::{Date, MODEL_YEARS, NorthReference, Position};
@@ -84,6 +86,7 @@ pub use problem::{LaunchError, Problems, pluralize};
 pub use promotion_rule::{Measure, PromotionRule};
 pub use schema::{MAX_TOPIC_MESSAGES, MIN_TOPIC_MESSAGES, describe, max_buffer_s};
 pub use sensors::{Calibration, Calibrations, GyroSamples};
+pub use serial_line::SerialLine;
 pub use service_unit::UnsupportedDevicePath;
 pub use slot_stage::UnknownStage;
 pub use source_uri::{replay_path, with_overrides};

@@ -10,6 +10,7 @@ use crate::{
     keys::{Kind, choices, keys},
     kind::{By, Inline, Optional, Table, Text, choice, text},
     sensors::GyroSamples,
+    serial_line::SerialLine,
     toml_reader::Section,
 };
 
@@ -108,15 +109,6 @@ keys! {
         line: SerialLine = SerialLine::default(), Inline(SerialLine::read_keys);
         /// Settings of the stream.
         stream: Stream = Stream::default(), Inline(Stream::read_keys);
-    }
-}
-
-keys! {
-    /// Settings of a serial line.
-    #[derive(Copy, Eq)]
-    pub struct SerialLine {
-        /// Baud rate, with 8 data bits, no parity, 1 stop bit and no flow control.
-        baud: u64 = 115_200, 50..=20_000_000, unit "bit/s";
     }
 }
 

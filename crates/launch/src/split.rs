@@ -1,16 +1,9 @@
 //! One system on several hosts: `export` and `import` of `[gateway]`, and the services each host
 //! needs.
 
-use graph::{Presence, Service, Topic};
+use graph::{Service, Topic};
 
-use crate::{
-    Launch,
-    description::Key,
-    keys::Kind,
-    kind::many_of,
-    problem::{Problem, quoted},
-    toml_reader::Section,
-};
+use crate::{Launch, problem::Problem, toml_reader::Section};
 
 /// Maximum number of ticks kept for disconnected hosts. This many ticks take about 100 MB.
 pub const MAX_CACHE_TICKS: usize = 262_144;
@@ -46,27 +39,6 @@ impl Launch {
     /// else ingest.
     pub fn tick_source(&self) -> TickSource {
         if self.gateway.import.is_some() { TickSource::Gateway } else { TickSource::Ingest }
-    }
-}
-
-/// Reads topics that are exchanged between hosts. They are stored in the order of the topic table,
-/// without duplicates.
-pub(crate) fn topics(section: &mut Section<'_, '_>, key: Key, out: &mut Vec<String>) {
-    let mut listed = Vec::new();
-    many_of(Topic::carried().map(|topic| (topic.name(), topic))).read(section, key, &mut listed);
-    if !section.is_set(key.name) {
-        return;
-    }
-    *out = Topic::carried().filter(|topic| listed.contains(topic)).map(|topic| topic.name().into()).collect();
-    if !listed.iter().any(|topic| has_every_tick(*topic)) {
-        let [dense, sparse] = [true, false].map(|dense| {
-            Topic::carried().filter(|topic| has_every_tick(*topic) == dense).map(Topic::name).collect::<Vec<_>>()
-        });
-        let note =
-            Some(format!("{} have messages only for some ticks, marked by flags of the others", sparse.join(" and ")));
-        let title = format!("{}: one of {} must be among the topics", key.name, quoted(&dense));
-        let span = section.span(key.name).unwrap_or_default();
-        section.report(Problem { note, ..Problem::new(span, title, "no topic with every tick") });
     }
 }
 
@@ -121,10 +93,6 @@ pub(crate) fn validate(launch: &Launch, section: &Section<'_, '_>) -> Vec<Proble
 /// Returns the service that publishes a topic.
 fn publisher(topic: &str) -> Option<Service> {
     Topic::from_name(topic)?.entry().publishing_service()
-}
-
-fn has_every_tick(topic: Topic) -> bool {
-    topic.entry().presence == Presence::EveryTick
 }
 
 #[cfg(test)]

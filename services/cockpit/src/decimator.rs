@@ -5,6 +5,8 @@
 //! bounded. If there are too many events, the newest are kept. Failure: malformed messages and
 //! non-finite values are ignored.
 
+use std::time::Duration;
+
 use attitude::Quaternion;
 use graph::Topic;
 use messages::{
@@ -16,6 +18,8 @@ use wire::{
     v1::{Extremes, Quantity, Snapshot},
 };
 
+/// Interval between snapshots.
+pub const SNAPSHOT_INTERVAL: Duration = Duration::from_millis(33);
 /// Maximum number of events in a snapshot.
 pub const MAX_EVENTS: usize = 256;
 /// Number of reference attitudes kept for comparison with attitudes of the same tick.

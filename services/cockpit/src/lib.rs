@@ -72,7 +72,7 @@ use runtime::{RuntimeError, ServiceContext, clock::monotonic_ns};
 
 use crate::{
     calibration::Calibration,
-    decimator::Decimator,
+    decimator::{Decimator, SNAPSHOT_INTERVAL},
     hub::Hub,
     local_system::LocalSystem,
     server::{Server, ServerError},
@@ -82,8 +82,6 @@ use crate::{
     vehicles::VehicleView,
 };
 
-/// Interval between snapshots.
-pub const SNAPSHOT_INTERVAL: Duration = Duration::from_millis(33);
 /// Interval between status messages.
 const STATUS_INTERVAL: Duration = Duration::from_secs(1);
 /// Niceness of the cockpit, so that the services of the data path take precedence.

@@ -15,7 +15,7 @@ use wire::{
     v1::{SystemStatus, system_status::State},
 };
 
-use crate::{SNAPSHOT_INTERVAL, decimator::Decimator};
+use crate::decimator::{Decimator, SNAPSHOT_INTERVAL};
 
 /// Maximum number of snapshots of a recording. At the live rate, they cover half an hour. Longer
 /// recordings get longer snapshots.

@@ -9,6 +9,7 @@ use crate::{
     PaperError,
     paper::Paper,
     picture::{Part, Picture},
+    table::escape_html,
 };
 
 /// File name of the page.
@@ -78,9 +79,4 @@ fn read_section(path: &Path) -> Result<String, PaperError> {
 fn svg_element(svg: &str) -> String {
     let start = svg.find("<svg").unwrap_or(0);
     format!("{}\n", svg[start..].trim_end())
-}
-
-/// Escapes text for HTML content and attributes.
-pub(crate) fn escape_html(text: &str) -> String {
-    text.replace('&', "&amp;").replace('<', "&lt;").replace('>', "&gt;").replace('"', "&quot;")
 }

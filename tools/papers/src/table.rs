@@ -52,7 +52,7 @@ impl Table {
 
     pub(crate) fn to_html(&self) -> String {
         let cells = |cells: &[String], tag: &str| {
-            cells.iter().map(|cell| format!("<{tag}>{}</{tag}>", crate::page::escape_html(cell))).collect::<String>()
+            cells.iter().map(|cell| format!("<{tag}>{}</{tag}>", escape_html(cell))).collect::<String>()
         };
         let rows: String = self.rows.iter().map(|row| format!("<tr>{}</tr>\n", cells(row, "td"))).collect();
         format!("<table><tr>{}</tr>\n{rows}</table>\n", cells(&self.header, "th"))
@@ -103,4 +103,9 @@ impl Display for Table {
         }
         Ok(())
     }
+}
+
+/// Escapes text for HTML content and attributes.
+pub(crate) fn escape_html(text: &str) -> String {
+    text.replace('&', "&amp;").replace('<', "&lt;").replace('>', "&gt;").replace('"', "&quot;")
 }

@@ -214,20 +214,23 @@ impl Setup {
     }
 
     /// Adds two kills at about the time of a swap. One kills the owner of the slot, the other one
-    /// kills a process that subscribes to the slot.
+    /// kills a process that receives messages from it or sends messages to it.
     fn add_kills_at_owner_change(&mut self, random: &mut Random) {
         let swaps = self.faults.iter().filter_map(|(at_ms, fault)| match fault {
-            Fault::Swap { slot, shadow_ms: None, .. } => Some((*at_ms, Service::from(*slot))),
+            Fault::Swap { slot, shadow_ms: None, .. } => Some((*at_ms, *slot)),
             _ => None,
         });
         let swaps: Vec<_> = swaps.collect();
         if swaps.is_empty() || !random.chance(200) {
             return;
         }
-        let (request_ms, service) = random.pick(&swaps);
-        let subscriber = if service == Service::Fuser { Service::Course } else { Service::Fuser };
+        let (request_ms, slot) = random.pick(&swaps);
+        let neighbour = match slot {
+            Slot::Gyro | Slot::Accel | Slot::Course => Service::Fuser,
+            Slot::Fuser => Service::Course,
+        };
         let at_ms = request_ms + random.between(100, 900);
-        for service in [service, subscriber] {
+        for service in [slot.into(), neighbour] {
             let deliveries_left = random.chance(500).then(|| random.between(0, 30) as u32);
             let kill = Fault::Kill { service, candidate: false, deliveries_left };
             self.faults.push((at_ms + random.between(0, 300), kill));

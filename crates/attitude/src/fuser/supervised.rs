@@ -28,6 +28,7 @@ use crate::{
     rotation::Rotation,
     stage::Validate as _,
     state::Attitude,
+    state_words::StateWords,
 };
 
 /// Longest rate outage after which the attitude is still trusted, s.
@@ -172,6 +173,21 @@ impl SupervisedState {
         let are_finite =
             [self.attitude, previous].iter().all(|attitude| attitude.quaternion().coords.norm().is_finite());
         (!are_finite || !self.rate_outage_s.is_finite()).then_some("a number that is not finite")
+    }
+}
+
+impl StateWords for SupervisedState {
+    #[inline]
+    fn visit(&mut self, visit: &mut dyn FnMut(&mut u64)) {
+        let Self { previous_motion, is_aligned, reset_counter, rate_outage_s, attitude, force_m_s2, has_rotated } =
+            self;
+        previous_motion.visit(visit);
+        is_aligned.visit(visit);
+        reset_counter.visit(visit);
+        rate_outage_s.visit(visit);
+        attitude.visit(visit);
+        force_m_s2.visit(visit);
+        has_rotated.visit(visit);
     }
 }
 

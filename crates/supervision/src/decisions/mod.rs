@@ -4,6 +4,7 @@
 //! | --- | --- |
 //! | [`restart`] | when a service is restarted or given up |
 //! | [`swaps`] | ownership of the slots; swap requests |
+//! | [`swap_limits`] | time limits of a swap, and the margin before the hand-over |
 //! | [`watch`] | automatic promotion of shadows |
 //! | [`flow`] | readiness, credit for the source, shutdown |
 //! | [`renewal`] | replacement of a bus whose files were removed |
@@ -13,5 +14,6 @@ mod flow;
 mod history;
 mod renewal;
 mod restart;
+mod swap_limits;
 mod swaps;
 mod watch;

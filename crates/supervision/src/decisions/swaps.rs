@@ -5,13 +5,11 @@ use foreign::ForeignText;
 use launch::{Launch, Service, Slot, StageConfig};
 use mapping::names::UnknownName;
 use messages::{EventKind, Health, SystemEvent};
-use swap::{
-    Coordinator, FIRST_EPOCH, FailureReason, OwnershipStatus, Progress, Resume, Role, SwapLimits, SwapOutcome,
-    SwapState,
-};
+use swap::{Coordinator, FIRST_EPOCH, FailureReason, OwnershipStatus, Progress, Resume, Role, SwapOutcome, SwapState};
 
 use crate::{
-    Action, Config, OutputProgress, Reply, Spawn, Supervision,
+    Action, OutputProgress, Reply, Spawn, Supervision,
+    decisions::swap_limits::{MAX_ATTEMPTS, swap_limits},
     state::{
         pending_swaps::{Pending, Requester},
         process::Process,
@@ -20,19 +18,10 @@ use crate::{
     },
 };
 
-/// Time from the newest sample to the hand-over tick, s. If the decision takes longer to arrive,
-/// the hand-over is reverted.
-const MARGIN_S: f64 = 0.05;
-/// Maximum number of attempts per swap request.
-///
-/// Each retry doubles the margin [`MARGIN_S`], because a stalled machine can deliver the decision
-/// too late.
-const MAX_ATTEMPTS: u32 = 3;
-
 impl Supervision {
     /// Creates the slots, each owned by the newest process of its service.
     pub(crate) fn init_slots(&mut self) {
-        let limits = limits(&self.config);
+        let limits = swap_limits(&self.config);
         let entries = self.entries().filter_map(|(service, entry)| Some((service.slot()?, entry)));
         let slots = entries.map(|(slot, entry)| SlotState {
             slot,
@@ -407,27 +396,6 @@ impl Supervision {
     }
 }
 
-fn limits(config: &Config) -> SwapLimits {
-    let Config { rate_hz, lockstep, window_ticks, .. } = *config;
-    let margin_ticks = if lockstep { window_ticks } else { (rate_hz * MARGIN_S) as u64 }.max(8);
-    let longest_margin_ticks = if lockstep { margin_ticks } else { margin_ticks << (MAX_ATTEMPTS - 1) };
-    SwapLimits {
-        ready_timeout_ms: 10_000,
-        catch_up_timeout_ms: 5_000,
-        shadow_ms: 100,
-        commit_timeout_ms: 300 + (longest_margin_ticks as f64 / rate_hz * 1e3) as u64,
-        restore_timeout_ms: 500,
-        // In lockstep the previous stage keeps running for a long time, because a restarted
-        // subscriber needs its outputs no matter how late it returns. The 60 s cover a replacement
-        // that takes `ready_timeout_ms` to fail, followed by a few processes that take as long to
-        // start.
-        linger_ms: if lockstep { 60_000 } else { 1_000 },
-        stop_retry_ms: 400,
-        max_lag_ticks: ((rate_hz * 0.02) as u64).max(8),
-        margin_ticks,
-    }
-}
-
 /// Converts a health report to a coordinator event.
 fn ownership_status(health: &Health, published_tick: u64) -> swap::Event {
     let status = OwnershipStatus {
@@ -451,7 +419,7 @@ mod tests {
     use control::ControlRequest;
 
     use super::*;
-    use crate::Event;
+    use crate::{Config, Event};
 
     const RATE_HZ: f64 = 100.0;
     const ALL: [Service; 5] = [Service::Ingest, Service::Gyro, Service::Accel, Service::Fuser, Service::Course];

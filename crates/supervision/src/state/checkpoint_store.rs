@@ -124,7 +124,7 @@ impl CheckpointStore {
     /// Returns the first input tick that a service may need, now or after a restart.
     pub(crate) fn resume_tick(&self, service: Service) -> Option<u64> {
         // A gateway both subscribes and publishes. It resumes from its own newest state.
-        let needed_tick = if service == Service::Gateway { u64::MAX } else { self.needed_tick(service) };
+        let needed_tick = if service.carries_ticks() { u64::MAX } else { self.needed_tick(service) };
         let resume_tick = self.checkpoint_by(service, needed_tick)?.next_tick;
         let promoted = self.resume_tick_if_promoted(service, needed_tick).filter(|tick| *tick >= self.held_from);
         let resumes_at = promoted.map_or(resume_tick, |promoted| promoted.min(resume_tick));
