@@ -56,7 +56,7 @@ pub(crate) struct AbsentCommand {
 macro_rules! absent_service {
     ($module:ident, $feature:literal) => {
         pub(crate) mod $module {
-            use super::MissingFeature;
+            use crate::absent::MissingFeature;
 
             pub(crate) fn run() -> Result<(), MissingFeature> {
                 Err(MissingFeature { what: stringify!($module), feature: $feature })
@@ -70,10 +70,10 @@ macro_rules! absent_service {
 macro_rules! absent_command {
     ($module:ident, $Command:ident, $argument:ty, $what:literal, $feature:expr) => {
         pub(crate) mod $module {
-            pub(crate) use super::AbsentCommand as $Command;
+            pub(crate) use crate::absent::AbsentCommand as $Command;
 
             pub(crate) fn run(_: $argument) -> crate::failure::Outcome {
-                Err(super::MissingFeature { what: $what, feature: $feature }.into())
+                Err(crate::absent::MissingFeature { what: $what, feature: $feature }.into())
             }
         }
     };
@@ -108,7 +108,7 @@ pub(crate) mod keys {
     }
 
     pub(crate) fn run(_: Command) -> crate::failure::Outcome {
-        Err(super::MissingFeature { what: "plumb keys", feature: "network" }.into())
+        Err(crate::absent::MissingFeature { what: "plumb keys", feature: "network" }.into())
     }
 }
 
@@ -120,7 +120,7 @@ pub(crate) mod remote {
     use graph::Topic;
     use launch::StageConfig;
 
-    pub(crate) use super::MissingFeature as RemoteError;
+    pub(crate) use crate::absent::MissingFeature as RemoteError;
 
     pub(crate) const ERROR: RemoteError = RemoteError { what: "--remote", feature: "network" };
 

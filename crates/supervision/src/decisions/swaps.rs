@@ -9,7 +9,7 @@ use swap::{Coordinator, FIRST_EPOCH, FailureReason, OwnershipStatus, Progress, R
 
 use crate::{
     Action, OutputProgress, Reply, Spawn, Supervision,
-    decisions::swap_limits::{MAX_ATTEMPTS, swap_limits},
+    decisions::swap_timing::{MAX_ATTEMPTS, swap_limits},
     state::{
         pending_swaps::{Pending, Requester},
         process::Process,
