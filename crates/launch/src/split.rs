@@ -1,5 +1,5 @@
-//! One system on several hosts: `export` and `import` of `[gateway]`, and the services each host
-//! needs.
+//! One system on several hosts: checks of `export` and `import` of `[gateway]`, and the source of
+//! the ticks on each host.
 
 use graph::{Service, Topic};
 

@@ -214,7 +214,7 @@ impl Setup {
     }
 
     /// Adds two kills at about the time of a swap. One kills the owner of the slot, the other one
-    /// kills a process that receives messages from it or sends messages to it.
+    /// kills a subscriber of the slot; for the course, the publisher of its input.
     fn add_kills_at_owner_change(&mut self, random: &mut Random) {
         let swaps = self.faults.iter().filter_map(|(at_ms, fault)| match fault {
             Fault::Swap { slot, shadow_ms: None, .. } => Some((*at_ms, *slot)),

@@ -4,7 +4,7 @@
 //! | --- | --- |
 //! | [`restart`] | when a service is restarted or given up |
 //! | [`swaps`] | ownership of the slots; swap requests |
-//! | [`swap_timing`] | time limits of a swap, and the margin before the hand-over |
+//! | [`swap_timing`] | time limits and attempts of a swap, and the margin before the hand-over |
 //! | [`watch`] | automatic promotion of shadows |
 //! | [`flow`] | readiness, credit for the source, shutdown |
 //! | [`renewal`] | replacement of a bus whose files were removed |

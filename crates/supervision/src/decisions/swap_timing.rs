@@ -1,4 +1,4 @@
-//! Time limits of a swap, and the margin before the hand-over.
+//! Time limits and attempts of a swap, and the margin before the hand-over.
 
 use swap::SwapLimits;
 
