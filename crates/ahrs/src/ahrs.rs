@@ -9,8 +9,8 @@ use attitude::{
     fuser::{Estimate, FuserStage, SupervisedFuser, multiple_model::MultipleModel},
     gnss::{Fix, ReceiverFix},
     gyro::{Gyro, SupervisedGyro},
-    resetting::{ResettingStage, StageFailure},
     stage::RestoreError,
+    validated_stage::{StageFailure, ValidatedStage},
 };
 
 use crate::{
@@ -41,7 +41,7 @@ pub struct GnssFix {
 pub struct Ahrs<F = MultipleModel> {
     pub(crate) conditioner: Conditioner,
     pub(crate) gyro: SupervisedGyro<Gyro>,
-    pub(crate) accel: ResettingStage<Accelerometer>,
+    pub(crate) accel: ValidatedStage<Accelerometer>,
     pub(crate) fuser: SupervisedFuser<F>,
     pub(crate) course: SupervisedCourse<Course>,
     /// Sensor time of the newest reading, ns.
@@ -124,11 +124,11 @@ impl<F: FuserStage> Ahrs<F> {
     /// even after a reset.
     pub fn failure(&self) -> Option<StageFailure<'_>> {
         self.gyro
-            .resetting
+            .validated
             .failure()
             .or_else(|| self.accel.failure())
             .or_else(|| self.fuser.failure())
-            .or_else(|| self.course.resetting.failure())
+            .or_else(|| self.course.validated.failure())
     }
 
     /// Returns the fuser stage.

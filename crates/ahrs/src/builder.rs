@@ -11,9 +11,9 @@ use attitude::{
     fuser::{Fuser, FuserStage, SupervisedFuser, multiple_model::MultipleModel},
     gyro::{Gyro, RateKind, SupervisedGyro},
     parameters::{ParameterError, Parameters, settings},
-    resetting::ResettingStage,
     slot::Slot,
     stage::Stage as _,
+    validated_stage::ValidatedStage,
 };
 
 use crate::{Ahrs, Attitude};
@@ -322,7 +322,7 @@ impl<F: FuserStage> AhrsBuilder<F> {
         Ahrs {
             conditioner: Conditioner::new(&sensors),
             gyro: SupervisedGyro::new(gyro),
-            accel: ResettingStage::new(accel),
+            accel: ValidatedStage::new(accel),
             fuser: SupervisedFuser::new(fuser),
             course: SupervisedCourse::new(course),
             t_ns: 0,

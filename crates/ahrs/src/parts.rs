@@ -54,7 +54,7 @@ use attitude::{
     },
     gnss::ReceiverFix,
     gyro::{Gyro, Motion, SupervisedGyro, supervised::GyroTick},
-    resetting::ResettingStage,
+    validated_stage::ValidatedStage,
 };
 
 pub use attitude::fuser::multiple_model::AidedOutput;
@@ -110,7 +110,7 @@ impl CheckedSample {
 pub struct Sensors<'a> {
     pub(crate) conditioner: &'a mut Conditioner,
     pub(crate) gyro: &'a mut SupervisedGyro<Gyro>,
-    pub(crate) accel: &'a mut ResettingStage<Accelerometer>,
+    pub(crate) accel: &'a mut ValidatedStage<Accelerometer>,
     pub(crate) inputs: InputSupervisor<'a>,
     pub(crate) t_ns: &'a mut i64,
     pub(crate) pending_field_ut: &'a mut Option<[f64; 3]>,

@@ -111,12 +111,12 @@ impl<F: FuserStage> Ahrs<F> {
     fn visit_words(&mut self, visit: &mut dyn FnMut(&mut u64)) {
         let Self { conditioner, gyro, accel, fuser, course, t_ns, pending_field_ut, pending_fix, attitude } = self;
         conditioner.visit(visit);
-        visit_stage(&mut gyro.resetting.stage, visit);
+        visit_stage(&mut gyro.validated.stage, visit);
         gyro.state_mut().visit(visit);
         visit_stage(&mut accel.stage, visit);
         visit_stage(fuser.stage_mut(), visit);
         fuser.state_mut().visit(visit);
-        visit_stage(&mut course.resetting.stage, visit);
+        visit_stage(&mut course.validated.stage, visit);
         course.state_mut().visit(visit);
         StateWords::visit(t_ns, visit);
         StateWords::visit(pending_field_ut, visit);
@@ -133,10 +133,10 @@ impl<F: FuserStage> Ahrs<F> {
 
     /// Checks a restored state.
     fn validate(&self) -> Result<(), SnapshotError> {
-        let reason = stage_error(&self.gyro.resetting.stage)
+        let reason = stage_error(&self.gyro.validated.stage)
             .or_else(|| stage_error(&self.accel.stage))
             .or_else(|| stage_error(self.fuser.stage()))
-            .or_else(|| stage_error(&self.course.resetting.stage))
+            .or_else(|| stage_error(&self.course.validated.stage))
             .or_else(|| self.fuser.state().validation_error())
             .or_else(|| self.course.state().validation_error());
         reason.map_or(Ok(()), |reason| Err(SnapshotError::Invalid(RestoreError::Invalid { reason })))
@@ -145,10 +145,10 @@ impl<F: FuserStage> Ahrs<F> {
     /// Returns a hash of the names of the stages.
     fn stages_hash(&self) -> u64 {
         let names: [&str; 4] = [
-            Gyro::name(&self.gyro.resetting.stage),
+            Gyro::name(&self.gyro.validated.stage),
             Accelerometer::name(&self.accel.stage),
             self.fuser.stage().name(),
-            Course::name(&self.course.resetting.stage),
+            Course::name(&self.course.validated.stage),
         ];
         names.iter().fold(HASH_START, |sum, name| hash(hash(sum, name.as_bytes()), &[0]))
     }

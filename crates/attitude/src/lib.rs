@@ -28,7 +28,7 @@
 //! | [`angles`] | yaw, pitch and roll |
 //! | [`kinematics`] | differential equations (18)–(20) |
 //! | [`stage`] | contract of a stage and its snapshot |
-//! | [`resetting`] | reset of a stage after an invalid output |
+//! | [`validated_stage`] | reset of a stage after an invalid output |
 //! | [`scalars`] | traversal of the numbers that make up a value |
 //! | [`state_words`] | state as 64-bit words |
 //! | [`parameters`] | adjustable parameters of a stage |
@@ -59,13 +59,13 @@ pub mod magnetometer;
 pub mod metrics;
 pub mod parameters;
 pub mod point;
-pub mod resetting;
 pub mod rotation;
 pub mod scalars;
 pub mod slot;
 pub mod stage;
 pub mod state;
 pub mod state_words;
+pub mod validated_stage;
 
 pub use nalgebra::{Complex, Matrix3, Quaternion, Vector3};
 

@@ -1,9 +1,9 @@
 //! Message processing of a slot, in tick order and independent of clock and bus.
 
 use attitude::{
-    resetting::ResettingStage,
     stage::{Stage, Validate},
     state_words::StateWords,
+    validated_stage::ValidatedStage,
 };
 use launch::Slot;
 use messages::{Header, Ticked};
@@ -91,10 +91,10 @@ pub trait TickProcessor {
     fn process(&mut self, input: &Self::Input, header: Header) -> Option<Self::Output>;
 
     /// Returns the stage with its reset logic.
-    fn resetting_stage(&self) -> &ResettingStage<Self::Stage>;
+    fn resetting_stage(&self) -> &ValidatedStage<Self::Stage>;
 
     /// Returns a mutable reference to the stage with its reset logic, for restoring its state.
-    fn resetting_stage_mut(&mut self) -> &mut ResettingStage<Self::Stage>;
+    fn resetting_stage_mut(&mut self) -> &mut ValidatedStage<Self::Stage>;
 
     /// Visits the persistent state, excluding the stage.
     fn visit_own_state(&mut self, visit: &mut dyn FnMut(&mut u64));

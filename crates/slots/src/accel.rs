@@ -6,7 +6,7 @@
 //!
 //! Failure: if the force is unusable, the previous point is repeated with trust 0 and a flag.
 
-use attitude::{accel::Accelerometer, resetting::ResettingStage};
+use attitude::{accel::Accelerometer, validated_stage::ValidatedStage};
 use host::AnyStage;
 use launch::Slot;
 use messages::{AccelPoint, Flags, Header, ImuSample};
@@ -18,7 +18,7 @@ use runtime::{
 
 /// Message processor of the slot `accel`.
 #[derive(Debug)]
-pub struct AccelProcessor(ResettingStage<AnyStage<Accelerometer>>);
+pub struct AccelProcessor(ValidatedStage<AnyStage<Accelerometer>>);
 
 /// Creates the slot with the stage that `config` names.
 ///
@@ -26,7 +26,7 @@ pub struct AccelProcessor(ResettingStage<AnyStage<Accelerometer>>);
 ///
 /// Returns an error if the stage cannot be built.
 pub fn slot(config: &ServiceConfig) -> Result<SingleInputSlot<AccelProcessor>, RuntimeError> {
-    let stage = ResettingStage::new(stage::build_stage(Slot::Accel, &config.launch, Accelerometer::from_name)?);
+    let stage = ValidatedStage::new(stage::build_stage(Slot::Accel, &config.launch, Accelerometer::from_name)?);
     Ok(SingleInputSlot::new(AccelProcessor(stage)))
 }
 
@@ -50,11 +50,11 @@ impl TickProcessor for AccelProcessor {
         })
     }
 
-    fn resetting_stage(&self) -> &ResettingStage<AnyStage<Accelerometer>> {
+    fn resetting_stage(&self) -> &ValidatedStage<AnyStage<Accelerometer>> {
         &self.0
     }
 
-    fn resetting_stage_mut(&mut self) -> &mut ResettingStage<AnyStage<Accelerometer>> {
+    fn resetting_stage_mut(&mut self) -> &mut ValidatedStage<AnyStage<Accelerometer>> {
         &mut self.0
     }
 

@@ -104,15 +104,15 @@ impl SlotProcessor for CourseSlot {
     }
 
     fn failure(&self) -> Option<String> {
-        self.course.resetting.failure().map(|failure| failure.to_string())
+        self.course.validated.failure().map(|failure| failure.to_string())
     }
 
     fn stage(&self) -> &AnyStage<Course> {
-        &self.course.resetting.stage
+        &self.course.validated.stage
     }
 
     fn stage_mut(&mut self) -> &mut AnyStage<Course> {
-        &mut self.course.resetting.stage
+        &mut self.course.validated.stage
     }
 
     fn visit_own_state(&mut self, visit: &mut dyn FnMut(&mut u64)) {

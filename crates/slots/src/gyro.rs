@@ -10,8 +10,8 @@
 
 use attitude::{
     gyro::{Gyro, SupervisedGyro, supervised::GyroTick},
-    resetting::ResettingStage,
     state_words::StateWords,
+    validated_stage::ValidatedStage,
 };
 use host::AnyStage;
 use launch::Slot;
@@ -59,12 +59,12 @@ impl TickProcessor for GyroProcessor {
         })
     }
 
-    fn resetting_stage(&self) -> &ResettingStage<AnyStage<Gyro>> {
-        &self.0.resetting
+    fn resetting_stage(&self) -> &ValidatedStage<AnyStage<Gyro>> {
+        &self.0.validated
     }
 
-    fn resetting_stage_mut(&mut self) -> &mut ResettingStage<AnyStage<Gyro>> {
-        &mut self.0.resetting
+    fn resetting_stage_mut(&mut self) -> &mut ValidatedStage<AnyStage<Gyro>> {
+        &mut self.0.validated
     }
 
     fn visit_own_state(&mut self, visit: &mut dyn FnMut(&mut u64)) {

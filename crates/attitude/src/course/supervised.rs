@@ -11,11 +11,11 @@ use super::{Course, CourseInput, CourseReading, CourseReference, DeferredReading
 use crate::{
     Vector3,
     gnss::Fix,
-    resetting::ResettingStage,
     rotation::Rotation,
     stage::{Stage, Validate as _},
     state::Attitude,
     state_words::StateWords,
+    validated_stage::ValidatedStage,
 };
 
 /// Fused attitude of a tick.
@@ -56,7 +56,7 @@ pub struct SupervisedReading<R = CourseReading> {
 #[derive(Debug, Clone)]
 pub struct SupervisedCourse<S> {
     /// Course stage, which is reset after an invalid output.
-    pub resetting: ResettingStage<S>,
+    pub validated: ValidatedStage<S>,
     state: SupervisedCourseState,
 }
 
@@ -123,7 +123,7 @@ impl SupervisedCourseState {
 impl<S: Stage<Input = CourseInput, Output = CourseReading> + Clone> SupervisedCourse<S> {
     /// Supervises a stage that has not been stepped yet.
     pub fn new(stage: S) -> Self {
-        Self { resetting: ResettingStage::new(stage), state: SupervisedCourseState::default() }
+        Self { validated: ValidatedStage::new(stage), state: SupervisedCourseState::default() }
     }
 
     /// Returns the state, excluding that of the stage.
@@ -147,7 +147,7 @@ impl<S: Stage<Input = CourseInput, Output = CourseReading> + Clone> SupervisedCo
         to_true_north: impl FnOnce(CourseReading) -> CourseReading,
     ) -> Option<SupervisedReading> {
         let (input, has_jumped) = self.state.next_input(tick);
-        let (reading, is_reset) = self.resetting.step(&input)?;
+        let (reading, is_reset) = self.validated.step(&input)?;
         let reading = to_true_north(reading);
         Some(self.state.supervise(reading, reading.aligned, is_reset, has_jumped))
     }
@@ -162,8 +162,8 @@ impl SupervisedCourse<Course> {
     pub fn step_deferred(&mut self, tick: &CourseTick) -> Option<SupervisedReading<DeferredReading>> {
         let (input, has_jumped) = self.state.next_input(tick);
         let mut reading = None;
-        if !self.resetting.has_failed() {
-            reading = Some(self.resetting.stage.step_deferred(&input));
+        if !self.validated.has_failed() {
+            reading = Some(self.validated.stage.step_deferred(&input));
         }
         let (reading, is_reset) = match reading.filter(|reading| reading.validation_error().is_none()) {
             Some(reading) => (reading, false),
@@ -176,13 +176,13 @@ impl SupervisedCourse<Course> {
     /// is reset.
     #[cold]
     fn repeat_step(&mut self, input: CourseInput) -> Option<(DeferredReading, bool)> {
-        let (reading, is_reset) = self.resetting.step(&input)?;
+        let (reading, is_reset) = self.validated.step(&input)?;
         Some((DeferredReading::from_reading(input.attitude, &reading), is_reset))
     }
 
     /// Completes the state with the course of the newest [`DeferredReading`], rad.
     pub fn store_course(&mut self, course_rad: f64) {
-        self.resetting.stage.store_course(course_rad);
+        self.validated.stage.store_course(course_rad);
     }
 }
 

@@ -12,8 +12,8 @@
 
 use super::{GyroStage, MAX_BRIDGED_GAP_S, Motion, RateKind, RateSample};
 use crate::{
-    Vector3, accel::MIN_FORCE_M_S2, flags::Flags, point::Point, resetting::ResettingStage, state::Attitude,
-    state_words::StateWords,
+    Vector3, accel::MIN_FORCE_M_S2, flags::Flags, point::Point, state::Attitude, state_words::StateWords,
+    validated_stage::ValidatedStage,
 };
 
 /// Rate and force of a tick.
@@ -35,7 +35,7 @@ pub struct GyroTick {
 #[derive(Debug, Clone)]
 pub struct SupervisedGyro<S> {
     /// Gyro stage, which is reset after an invalid output.
-    pub resetting: ResettingStage<S>,
+    pub validated: ValidatedStage<S>,
     state: SupervisedGyroState,
 }
 
@@ -51,7 +51,7 @@ pub struct SupervisedGyroState {
 impl<S: GyroStage> SupervisedGyro<S> {
     /// Supervises a stage that has not been stepped yet.
     pub fn new(stage: S) -> Self {
-        Self { resetting: ResettingStage::new(stage), state: SupervisedGyroState::default() }
+        Self { validated: ValidatedStage::new(stage), state: SupervisedGyroState::default() }
     }
 
     /// Returns a mutable reference to the state, for restoring it.
@@ -69,7 +69,7 @@ impl<S: GyroStage> SupervisedGyro<S> {
         let kind = if tick.flags.any(Flags::RATE_INSTANT) { RateKind::Instant } else { RateKind::Mean };
         let dt_s = if dt_s <= MAX_BRIDGED_GAP_S { dt_s } else { 0.0 };
         let sample = RateSample { rate_rad_s: tick.rate_rad_s.into(), dt_s, kind };
-        let (mut motion, was_reset) = self.resetting.step(&sample)?;
+        let (mut motion, was_reset) = self.validated.step(&sample)?;
         if !self.state.is_aligned {
             motion.attitude = self.align_level(tick).unwrap_or(motion.attitude);
         }
@@ -83,7 +83,7 @@ impl<S: GyroStage> SupervisedGyro<S> {
         let usable = !tick.flags.any(Flags::FORCE_INVALID | Flags::FORCE_SMALL);
         let up = Point::from_direction(force_m_s2).filter(|_| usable && force_m_s2.norm() >= MIN_FORCE_M_S2)?;
         let level = Attitude::from_up(up);
-        self.resetting.stage.align(level);
+        self.validated.stage.align(level);
         self.state.is_aligned = true;
         Some(level)
     }

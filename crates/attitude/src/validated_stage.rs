@@ -13,7 +13,7 @@ use crate::stage::{Snapshot, Stage, Validate};
 
 /// Stage that is reset to its initial state if it returns an invalid output.
 #[derive(Debug, Clone)]
-pub struct ResettingStage<S> {
+pub struct ValidatedStage<S> {
     /// The wrapped stage.
     pub stage: S,
     /// State before the first step.
@@ -22,7 +22,7 @@ pub struct ResettingStage<S> {
     output_error: Option<&'static str>,
 }
 
-impl<S: Stage<Output: Validate> + Clone> ResettingStage<S> {
+impl<S: Stage<Output: Validate> + Clone> ValidatedStage<S> {
     /// Wraps a stage that has not been stepped yet.
     pub fn new(stage: S) -> Self {
         Self { initial: stage.snapshot(), stage, output_error: None }
@@ -140,20 +140,20 @@ mod tests {
 
     #[test]
     fn stage_with_invalid_output_is_reset_and_flagged() {
-        let mut resetting = ResettingStage::new(Counter { steps: 0.0, bad_from: 3.0 });
+        let mut validated = ValidatedStage::new(Counter { steps: 0.0, bad_from: 3.0 });
         let expected = [(1.0, false), (2.0, false), (1.0, true), (2.0, false), (1.0, true)];
         for expected in expected {
-            let (output, is_reset) = resetting.step(&Vector3::zeros()).unwrap();
+            let (output, is_reset) = validated.step(&Vector3::zeros()).unwrap();
             assert_eq!((output.norm_m_s2, is_reset), expected);
         }
-        assert!(resetting.failure().is_none());
+        assert!(validated.failure().is_none());
     }
 
     #[test]
     fn stage_with_only_invalid_outputs_fails_with_cause() {
-        let mut resetting = ResettingStage::new(Counter { steps: 0.0, bad_from: 1.0 });
-        assert!((0..3).all(|_| resetting.step(&Vector3::zeros()).is_none()));
-        let cause = resetting.failure().unwrap().to_string();
+        let mut validated = ValidatedStage::new(Counter { steps: 0.0, bad_from: 1.0 });
+        assert!((0..3).all(|_| validated.step(&Vector3::zeros()).is_none()));
+        let cause = validated.failure().unwrap().to_string();
         assert!(cause.starts_with("`counter` returned ") && cause.ends_with("also after a reset"), "{cause}");
     }
 }

@@ -8,141 +8,34 @@
 //!
 //! Failure:
 //! - The rotation over missing ticks is computed from the gyro's open-loop attitudes. A gap longer
-//!   than [`MAX_BRIDGED_GAP_S`] re-initialises the level.
+//!   than [`MAX_BRIDGED_GAP_S`](crate::gyro::MAX_BRIDGED_GAP_S) re-initialises the level.
 //! - After a rate outage the level is re-initialised if its error has become too large.
 //! - The specific force of a dead accelerometer is not used.
 //! - A stage whose output is invalid is reset. If the output after the reset is also invalid, the
 //!   stage has failed.
 
-use super::{
-    Fused, FuserInput, FuserStage, innovation_rad,
-    multiple_model::{AidedModel, AidedOutput, WzModel},
-};
+mod input_supervisor;
+mod output_flags;
+mod sensor_tick;
+mod stage_supervisor;
+
+pub use input_supervisor::{InputSupervisor, Realignment, SupervisedInput};
+pub use output_flags::SupervisedFused;
+pub use sensor_tick::{ForceFaults, RateFaults, SensorTick};
+pub use stage_supervisor::{AidedPart, StageSupervisor, WzPart};
+
+use super::FuserStage;
 use crate::{
-    Vector3,
-    accel::Inclination,
-    flags::Flags,
-    gnss::Fix,
-    gyro::{MAX_BRIDGED_GAP_S, Motion},
-    resetting::{ResettingStage, StageFailure},
-    rotation::Rotation,
-    stage::Validate as _,
     state::Attitude,
     state_words::StateWords,
+    validated_stage::{StageFailure, ValidatedStage},
 };
-
-/// Longest rate outage after which the attitude is still trusted, s.
-const RATE_OUTAGE_LIMIT_S: f64 = 0.2;
-/// Minimum tilt error that causes a realignment after an outage, rad (5°). Noise and vehicle
-/// manoeuvres stay below it.
-const REALIGN_TILT_RAD: f64 = 0.087;
-/// Rate above which the body certainly rotates, rad/s (2 °/s). No gyro bias is that large.
-const MIN_ROTATION_RATE_RAD_S: f64 = 0.035;
-
-/// Sensor values of a tick, with their faults.
-#[derive(Debug, Clone, Copy, PartialEq, Default)]
-pub struct SensorTick {
-    /// Start of the interval, ns.
-    pub t_start_ns: i64,
-    /// End of the interval, ns.
-    pub t_end_ns: i64,
-    /// Set if there is a gap in time before this tick, or if ticks before it were lost.
-    pub is_after_gap: bool,
-    /// Set if the stage of the gyro or the accelerometer was reset for this tick.
-    pub is_sensor_stage_reset: bool,
-    /// Motion over the interval, from a gyro stage; `None` if the rate is missing.
-    pub motion: Option<Motion>,
-    /// Faults of the rate.
-    pub rate_faults: RateFaults,
-    /// Specific force in body axes as measured, m/s²; `None` if it is missing.
-    pub force_m_s2: Option<Vector3<f64>>,
-    /// Inclination from an accelerometer stage; `None` if the force has no direction.
-    pub inclination: Option<Inclination>,
-    /// Faults detected in the specific force.
-    pub force_faults: ForceFaults,
-    /// Magnetic field in body axes, µT. Present only for a new sample.
-    pub field_ut: Option<Vector3<f64>>,
-    /// Fix of the satellite receiver. Present only at the tick at which it arrived.
-    pub fix: Option<Fix>,
-}
-
-impl SensorTick {
-    /// Returns the interval and the faults of a tick, without its sensor values.
-    #[inline]
-    pub fn from_flags(t_start_ns: i64, t_end_ns: i64, flags: Flags) -> Self {
-        Self {
-            t_start_ns,
-            t_end_ns,
-            is_after_gap: flags.any(Flags::GAP | Flags::LOST_BEFORE),
-            is_sensor_stage_reset: flags.any(Flags::RESET),
-            rate_faults: RateFaults {
-                is_invalid: flags.any(Flags::RATE_INVALID),
-                is_clipped: flags.any(Flags::RATE_CLIPPED),
-                is_stuck: flags.any(Flags::RATE_STUCK),
-            },
-            force_faults: ForceFaults {
-                is_invalid: flags.any(Flags::FORCE_INVALID),
-                is_small: flags.any(Flags::FORCE_SMALL),
-                is_stuck: flags.any(Flags::FORCE_STUCK),
-            },
-            ..Self::default()
-        }
-    }
-}
-
-/// Faults of a rate sample.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-pub struct RateFaults {
-    /// The rate is not finite.
-    pub is_invalid: bool,
-    /// The rate is outside the range of the gyro.
-    pub is_clipped: bool,
-    /// The gyro repeats a value.
-    pub is_stuck: bool,
-}
-
-/// Faults of a specific force.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-pub struct ForceFaults {
-    /// The specific force is not finite.
-    pub is_invalid: bool,
-    /// The force is too small to have a direction.
-    pub is_small: bool,
-    /// The accelerometer repeats a value.
-    pub is_stuck: bool,
-}
-
-/// Output of a [`SupervisedFuser`] at a tick.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct SupervisedFused {
-    /// Output of the stage. Its `corrections` also flag a realignment, rest and a disturbed
-    /// magnetic field.
-    pub fused: Fused,
-    /// Set once the attitude has been aligned. Before that, the attitude is arbitrary.
-    pub is_aligned: bool,
-    /// Set if the stage was reset for this output, because its first output was invalid.
-    pub is_reset: bool,
-    /// Number of jumps of the attitude after the first alignment.
-    pub reset_counter: u64,
-}
-
-impl SupervisedFused {
-    /// Returns the flags of the output.
-    #[inline]
-    pub fn flags(&self) -> Flags {
-        let Self { fused, is_aligned, is_reset, .. } = self;
-        Flags::RESET.when(*is_reset)
-            | Flags::ALIGNED.when(fused.corrections.aligned)
-            | Flags::UNALIGNED.when(!is_aligned)
-            | Flags::AT_REST.when(fused.corrections.rest)
-            | Flags::FIELD_DISTURBED.when(fused.corrections.disturbed)
-    }
-}
+use output_flags::OutputSupervisor;
 
 /// Fuser stage with the supervision of its inputs and outputs.
 #[derive(Debug, Clone)]
 pub struct SupervisedFuser<S> {
-    resetting: ResettingStage<S>,
+    validated: ValidatedStage<S>,
     state: SupervisedState,
 }
 
@@ -194,17 +87,17 @@ impl StateWords for SupervisedState {
 impl<S: FuserStage> SupervisedFuser<S> {
     /// Supervises a stage that has not been stepped yet.
     pub fn new(stage: S) -> Self {
-        Self { resetting: ResettingStage::new(stage), state: SupervisedState::default() }
+        Self { validated: ValidatedStage::new(stage), state: SupervisedState::default() }
     }
 
     /// Returns the supervised stage.
     pub fn stage(&self) -> &S {
-        &self.resetting.stage
+        &self.validated.stage
     }
 
     /// Returns a mutable reference to the stage, for restoring its state.
     pub fn stage_mut(&mut self) -> &mut S {
-        &mut self.resetting.stage
+        &mut self.validated.stage
     }
 
     /// Returns the state, excluding that of the stage.
@@ -219,7 +112,7 @@ impl<S: FuserStage> SupervisedFuser<S> {
 
     /// Returns the cause if the stage has failed permanently, else `None`.
     pub fn failure(&self) -> Option<StageFailure<'_>> {
-        self.resetting.failure()
+        self.validated.failure()
     }
 
     /// Processes a tick. Returns `None` once the stage has failed permanently.
@@ -234,7 +127,7 @@ impl<S: FuserStage> SupervisedFuser<S> {
     /// The first part does not depend on the second, so it can be several ticks ahead.
     #[inline(always)]
     pub fn parts(&mut self) -> (InputSupervisor<'_>, StageSupervisor<'_, S>) {
-        let Self { resetting, state } = self;
+        let Self { validated, state } = self;
         let SupervisedState {
             previous_motion,
             is_aligned,
@@ -247,242 +140,8 @@ impl<S: FuserStage> SupervisedFuser<S> {
         let outputs = OutputSupervisor { is_aligned, reset_counter, attitude };
         (
             InputSupervisor { previous_motion, rate_outage_s, force_m_s2, has_rotated },
-            StageSupervisor { resetting, outputs },
+            StageSupervisor { validated, outputs },
         )
-    }
-}
-
-/// Input of a stage, with the decisions of the supervision.
-#[derive(Debug, Clone, Copy, PartialEq, Default)]
-pub struct SupervisedInput {
-    /// Input of the stage.
-    pub input: FuserInput,
-    /// Decision about the level before the step.
-    pub realignment: Realignment,
-    /// Set if the stage of the gyro or the accelerometer was reset for this tick.
-    pub is_sensor_stage_reset: bool,
-}
-
-impl SupervisedInput {
-    /// Returns `true` if the models of a stage can process the input independently of each other.
-    ///
-    /// Otherwise the realignment depends on the fused attitude of the previous tick.
-    #[inline]
-    pub fn is_independent(&self) -> bool {
-        self.realignment != Realignment::IfTilted
-    }
-}
-
-/// Decision about the re-initialisation of the level.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-pub enum Realignment {
-    /// The level is kept.
-    #[default]
-    No,
-    /// The level is re-initialised.
-    Yes,
-    /// The level is re-initialised if the newest fused attitude has a large tilt error.
-    IfTilted,
-}
-
-/// Supervision of the inputs of a stage.
-#[derive(Debug)]
-pub struct InputSupervisor<'a> {
-    previous_motion: &'a mut Option<(Attitude, i64)>,
-    rate_outage_s: &'a mut f64,
-    force_m_s2: &'a mut [f64; 3],
-    has_rotated: &'a mut bool,
-}
-
-impl InputSupervisor<'_> {
-    /// Returns the input of the stage at a tick.
-    #[inline(always)]
-    pub fn check(&mut self, tick: &SensorTick) -> SupervisedInput {
-        let motion = self.bridge(tick);
-        let inclination = self.usable_inclination(tick, motion.as_ref());
-        let RateFaults { is_invalid, is_clipped, is_stuck } = tick.rate_faults;
-        let rate_credible = !(is_invalid || is_clipped || is_stuck) && motion.is_some();
-        let interval_s = (tick.t_end_ns - tick.t_start_ns) as f64 * 1e-9;
-        let is_over_gap = tick.is_after_gap && motion.is_some_and(|motion| motion.dt_s == 0.0);
-        let realignment = if is_over_gap {
-            Realignment::Yes
-        } else {
-            self.realignment_after_outage(rate_credible, interval_s, inclination.is_some())
-        };
-        let ForceFaults { is_invalid: is_force_invalid, is_stuck: is_force_stuck, .. } = tick.force_faults;
-        let rest_credible = !(is_invalid || is_stuck || is_force_invalid || is_force_stuck);
-        let SensorTick { field_ut, fix, is_sensor_stage_reset, .. } = *tick;
-        let input = FuserInput { motion, inclination, field_ut, fix, rest_credible, rate_credible };
-        SupervisedInput { input, realignment, is_sensor_stage_reset }
-    }
-
-    /// Returns the motion since the newest tick for which a motion is known.
-    ///
-    /// If ticks are missing in between, the rotation is computed from the gyro's open-loop
-    /// attitudes. Over a gap longer than [`MAX_BRIDGED_GAP_S`], the rotation is the identity and
-    /// `dt_s` is 0.
-    #[inline(always)]
-    fn bridge(&mut self, tick: &SensorTick) -> Option<Motion> {
-        let mut motion = tick.motion?;
-        if let Some((attitude, t_end_ns)) = self.previous_motion
-            && *t_end_ns != tick.t_start_ns
-        {
-            motion.rotation = Rotation::between(*attitude, motion.attitude);
-            motion.dt_s = (tick.t_end_ns - *t_end_ns) as f64 * 1e-9;
-        }
-        *self.previous_motion = Some((motion.attitude, tick.t_end_ns));
-        if motion.dt_s > MAX_BRIDGED_GAP_S {
-            motion.dt_s = 0.0;
-            motion.rotation = Rotation::IDENTITY;
-        }
-        Some(motion)
-    }
-
-    /// Returns the inclination, or `None` if the force is missing or unusable.
-    #[inline(always)]
-    fn usable_inclination(&mut self, tick: &SensorTick, motion: Option<&Motion>) -> Option<Inclination> {
-        let force_m_s2 = <[f64; 3]>::from(tick.force_m_s2?);
-        // At rest the force may repeat. If it repeats during a rotation, the accelerometer is dead.
-        let is_rotating = motion.is_some_and(|motion| motion.rate_rad_s.norm() > MIN_ROTATION_RATE_RAD_S);
-        *self.has_rotated = is_rotating || (*self.has_rotated && force_m_s2 == *self.force_m_s2);
-        *self.force_m_s2 = force_m_s2;
-        let ForceFaults { is_invalid, is_small, is_stuck } = tick.force_faults;
-        let is_dead = is_stuck && !tick.rate_faults.is_stuck && *self.has_rotated;
-        tick.inclination.filter(|_| !(is_dead || is_invalid || is_small))
-    }
-
-    /// Decides whether the level is re-initialised at the first usable rate after an outage or a
-    /// gap.
-    #[inline(always)]
-    fn realignment_after_outage(
-        &mut self,
-        is_rate_usable: bool,
-        interval_s: f64,
-        has_inclination: bool,
-    ) -> Realignment {
-        if !is_rate_usable {
-            *self.rate_outage_s += interval_s;
-            return Realignment::No;
-        }
-        let outage_s = core::mem::take(self.rate_outage_s).max(interval_s);
-        if has_inclination && outage_s > RATE_OUTAGE_LIMIT_S { Realignment::IfTilted } else { Realignment::No }
-    }
-}
-
-/// Supervision of the outputs of a stage.
-#[derive(Debug)]
-struct OutputSupervisor<'a> {
-    is_aligned: &'a mut bool,
-    reset_counter: &'a mut u64,
-    attitude: &'a mut Attitude,
-}
-
-impl OutputSupervisor<'_> {
-    #[inline(always)]
-    fn supervise(&mut self, fused: Fused, is_reset: bool, is_sensor_stage_reset: bool) -> SupervisedFused {
-        *self.attitude = fused.attitude;
-        let has_jumped = fused.corrections.aligned || is_reset || is_sensor_stage_reset;
-        *self.reset_counter += u64::from(*self.is_aligned && has_jumped);
-        *self.is_aligned |= fused.corrections.aligned;
-        SupervisedFused { fused, is_aligned: *self.is_aligned, is_reset, reset_counter: *self.reset_counter }
-    }
-}
-
-/// Stage with the supervision of its outputs.
-#[derive(Debug)]
-pub struct StageSupervisor<'a, S> {
-    resetting: &'a mut ResettingStage<S>,
-    outputs: OutputSupervisor<'a>,
-}
-
-impl<S: FuserStage> StageSupervisor<'_, S> {
-    /// Returns the models of the stage `multiple-model`, which can run in different threads.
-    ///
-    /// Returns `None` for any other stage, and once the stage has failed permanently.
-    pub fn models(&mut self) -> Option<(AidedPart<'_>, WzPart<'_>)> {
-        if self.resetting.has_failed() {
-            return None;
-        }
-        let OutputSupervisor { is_aligned, reset_counter, attitude } = &mut self.outputs;
-        let outputs = OutputSupervisor { is_aligned, reset_counter, attitude };
-        let (aided, model) = self.resetting.stage.models()?;
-        Some((AidedPart(aided), WzPart { model, outputs }))
-    }
-
-    /// Resets the stage after an invalid output and steps it again. Returns `None` if the stage has
-    /// failed permanently.
-    #[cold]
-    pub fn reset_and_step(&mut self, input: &SupervisedInput) -> Option<SupervisedFused> {
-        let fused = self.resetting.reset_and_step(&input.input)?;
-        Some(self.outputs.supervise(fused, true, input.is_sensor_stage_reset))
-    }
-
-    /// Steps the stage. Returns `None` once the stage has failed permanently.
-    #[inline(always)]
-    pub fn step(&mut self, input: &SupervisedInput) -> Option<SupervisedFused> {
-        if self.needs_realignment(input) {
-            self.resetting.stage.realign();
-        }
-        let (fused, is_reset) = self.resetting.step(&input.input)?;
-        Some(self.outputs.supervise(fused, is_reset, input.is_sensor_stage_reset))
-    }
-
-    #[inline(always)]
-    fn needs_realignment(&self, input: &SupervisedInput) -> bool {
-        match input.realignment {
-            Realignment::No => false,
-            Realignment::Yes => true,
-            Realignment::IfTilted => input
-                .input
-                .inclination
-                .is_some_and(|inclination| innovation_rad(&inclination, *self.outputs.attitude) > REALIGN_TILT_RAD),
-        }
-    }
-}
-
-/// Model `aided` of a supervised stage `multiple-model`.
-#[derive(Debug)]
-pub struct AidedPart<'a>(&'a mut AidedModel);
-
-impl AidedPart<'_> {
-    /// Processes a tick. Returns `None` if [`WzPart`] does not need the output.
-    ///
-    /// The input must be [sanitized](FuserInput::sanitize) and
-    /// [independent](SupervisedInput::is_independent).
-    #[inline]
-    pub fn step(&mut self, input: &SupervisedInput) -> Option<AidedOutput> {
-        if input.realignment == Realignment::Yes {
-            self.0.realign();
-        }
-        self.0.step(&input.input)
-    }
-
-    /// Replaces the state by that of the model in a copy of the stage.
-    pub fn copy_from(&mut self, copy: &AidedPart<'_>) {
-        self.0.clone_from(copy.0);
-    }
-}
-
-/// Model `wz` of a supervised stage `multiple-model`, with the supervision of the outputs.
-#[derive(Debug)]
-pub struct WzPart<'a> {
-    model: &'a mut WzModel,
-    outputs: OutputSupervisor<'a>,
-}
-
-impl WzPart<'_> {
-    /// Processes a tick for which `aided` has been computed by [`AidedPart`].
-    ///
-    /// Returns `None` if the output is invalid. The tick must then be repeated with
-    /// [`StageSupervisor::reset_and_step`].
-    #[inline]
-    pub fn step(&mut self, input: &SupervisedInput, aided: Option<&AidedOutput>) -> Option<SupervisedFused> {
-        if input.realignment == Realignment::Yes {
-            self.model.realign();
-        }
-        let fused = self.model.step(&input.input, aided);
-        let is_valid = fused.validation_error().is_none();
-        is_valid.then(|| self.outputs.supervise(fused, false, input.is_sensor_stage_reset))
     }
 }
 
@@ -490,9 +149,10 @@ impl WzPart<'_> {
 mod tests {
     use super::*;
     use crate::{
-        GRAVITY_M_S2,
-        fuser::{Corrections, Estimate, Fuser, finite::fuser_items},
-        gyro::{Gyro, RateKind, RateSample},
+        GRAVITY_M_S2, Vector3,
+        accel::Inclination,
+        fuser::{Corrections, Estimate, Fused, Fuser, FuserInput, finite::fuser_items},
+        gyro::{Gyro, Motion, RateKind, RateSample},
         point::Point,
         stage::Stage,
     };
