@@ -22,6 +22,7 @@ mod paper;
 mod record;
 mod replay;
 mod score;
+mod service;
 mod stage;
 #[cfg(all(feature = "network", feature = "tui"))]
 mod station;
@@ -43,20 +44,19 @@ use absent::station;
 #[cfg(not(feature = "tui"))]
 use absent::top;
 #[cfg(not(feature = "cockpit"))]
-use absent::{cockpit, view};
+use absent::view;
 #[cfg(not(feature = "network"))]
-use absent::{gateway, keys, remote};
+use absent::{keys, remote};
 use clap::{
     ColorChoice, CommandFactory, Parser, Subcommand,
     error::{ContextKind, ContextValue, ErrorKind},
 };
 use launch::Service;
-use mapping::names::UnknownName;
 
 #[cfg(feature = "network")]
 use ::remote;
 
-use failure::{OrFail as _, print_error_object};
+use failure::print_error_object;
 use stdout::print;
 
 /// Version, commit, build profile and Cargo features of this executable.
@@ -221,7 +221,7 @@ Examples:
     #[command(hide = true)]
     Service {
         /// Name of the service, such as gyro
-        #[arg(value_parser = parse_service)]
+        #[arg(value_parser = service::parse)]
         service: Service,
     },
 }
@@ -269,19 +269,7 @@ pub fn main() -> ExitCode {
         Command::Config { command } => config::run(&command),
         Command::Completions { shell } => manual::print_completions(command_line(), shell),
         Command::Man { folder } => manual::write_pages(command_line(), &folder),
-        Command::Service { service } => {
-            let ended = match service {
-                Service::Ingest => ingest::run().or_fail(1),
-                Service::Gyro => gyro::run().or_fail(1),
-                Service::Accel => accel::run().or_fail(1),
-                Service::Fuser => fuser::run().or_fail(1),
-                Service::Course => course::run().or_fail(1),
-                Service::Gateway => gateway::run().or_fail(1),
-                Service::Cockpit => cockpit::run().or_fail(1),
-                Service::Drivers => drivers::run().or_fail(1),
-            };
-            ended.map(|()| ExitCode::SUCCESS)
-        }
+        Command::Service { service } => service::run(service),
     };
     outcome.unwrap_or_else(|failure| failure.report())
 }
@@ -310,9 +298,4 @@ fn with_launch_option(mut error: clap::Error) -> clap::Error {
         error.insert(ContextKind::Suggested, ContextValue::StyledStrs(vec![tip.into()]));
     }
     error
-}
-
-fn parse_service(name: &str) -> Result<Service, String> {
-    let unknown = || UnknownName::new("service", name, Service::ALL.map(Service::name));
-    Service::from_name(name).ok_or_else(|| unknown().to_string())
 }

@@ -1,6 +1,7 @@
-//! The graph of the system: every topic with its publisher and subscribers.
+//! The graph of the system: services, and topics with their publishers and subscribers.
 //!
-//! The [topic table](topics) is the single definition. Everything else is derived from it.
+//! The [topic table](topics) and the [service table](services) are the only definitions.
+//! Everything else is derived from them.
 //!
 //! Output: constants.
 //!
@@ -8,8 +9,9 @@
 //!
 //! | module | contents |
 //! | --- | --- |
-//! | [`table`](topics) | the table, one line per topic |
-//! | [`service`] | services and other participants |
+//! | [`topic_table`](topics) | the topic table, one line per topic |
+//! | [`service_table`](services) | the service table, one line per service |
+//! | [`service`] | [`Service`], an enum with one variant per line, and other participants |
 //! | [`stage_config`](StageConfig) | stage and parameters of a slot |
 //! | [`topic`] | the entry of a topic, and [`Topic`], an enum with one variant per line |
 //! | [`edges`] | queries: inputs and outputs of a service, downstream services, carried topics |
@@ -17,9 +19,10 @@
 
 pub mod edges;
 pub mod service;
+mod service_table;
 mod stage_config;
-mod table;
 pub mod topic;
+mod topic_table;
 
 pub use attitude::slot::Slot;
 pub use edges::{GRAPH, Graph};

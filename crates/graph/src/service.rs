@@ -4,16 +4,9 @@ use core::fmt;
 
 use attitude::slot::Slot;
 
-/// Defines [`Service`] and the services' [`participant`] constants from the table of
-/// services.
-///
-/// A line is `Service = name: properties;`
-/// - *name*: name in launch files and messages;
-/// - *properties*: variants of [`Property`].
-///
-/// The order of the lines is the order of [`Service::ALL`], and thus of the index in messages.
-macro_rules! services {
-    (
+/// Defines [`Service`] and the services' [`participant`] constants from the service table.
+macro_rules! define_services {
+    ({}
         source { $($(#[$source_doc:meta])* $source:ident = $source_name:ident: $($source_property:ident)*;)* }
         slots { $($(#[$slot_doc:meta])* $slot:ident = $slot_name:ident: $($slot_property:ident)*;)* }
         auxiliary { $($(#[$other_doc:meta])* $other:ident = $other_name:ident: $($other_property:ident)*;)* }
@@ -58,7 +51,7 @@ macro_rules! services {
             }
         }
 
-        /// Constants for the participants, with the names used in the table of topics.
+        /// Constants for the participants, with the names used in the topic table.
         #[expect(non_upper_case_globals, reason = "the table uses the spelling of launch files")]
         pub mod participant {
             use super::{Participant, Service};
@@ -73,7 +66,7 @@ macro_rules! services {
             pub const candidates: Participant = Participant::Candidates;
             /// `Participant::Supervisor`.
             pub const supervisor: Participant = Participant::Supervisor;
-            services!(participants $($source = $source_name)* $($slot = $slot_name)* $($other = $other_name)*);
+            define_services!(participants $($source = $source_name)* $($slot = $slot_name)* $($other = $other_name)*);
         }
     };
     (participants $($service:ident = $name:ident)*) => {
@@ -82,30 +75,7 @@ macro_rules! services {
     };
 }
 
-services! {
-    source {
-        /// Checks, calibrates and numbers the readings of the source.
-        Ingest = ingest: Listed;
-    }
-    slots {
-        /// Integrates the angular rate.
-        Gyro = gyro: Listed;
-        /// Estimates the vertical from the specific force.
-        Accel = accel: Listed;
-        /// Fuses gyro and accelerometer into an attitude.
-        Fuser = fuser: Listed;
-        /// Computes angles and course from the attitude.
-        Course = course: Listed;
-    }
-    auxiliary {
-        /// Exchanges messages with other hosts.
-        Gateway = gateway: Listed CarriesTicks LowPriority;
-        /// Reads the devices of a live source.
-        Drivers = drivers: ;
-        /// Serves the web page.
-        Cockpit = cockpit: Listed LowPriority;
-    }
-}
+crate::services!(define_services {});
 
 /// Property of a service.
 #[derive(Clone, Copy)]

@@ -1,9 +1,13 @@
-//! Compares `src/generated` with the code generated from the schemas in `proto`.
+//! Compares `src/generated` with the code generated from the schemas in `proto`, and the schema's
+//! services with the service table.
 //!
 //! The generated files are kept in the repository, so that a build does not have to compile a
-//! schema compiler first. If a schema has changed, the test updates the files and fails. If `CI` is
-//! set, it fails without updating them.
-use std::{env, fs, path::Path};
+//! schema compiler first. If a file is out of date, the test updates it and fails. If `CI` is set,
+//! it fails without updating it.
+use std::{
+    env, fs,
+    path::{Path, PathBuf},
+};
 
 use protox::prost::Message as _;
 
@@ -17,25 +21,46 @@ const PACKAGES: [(&str, &[&str]); 2] = [
 #[test]
 fn generated_files_match_schemas() {
     let crate_dir = Path::new(env!("CARGO_MANIFEST_DIR"));
-    let fresh = tempfile::tempdir().unwrap();
-    generate(&crate_dir.join("../../proto"), fresh.path());
-    let stored = crate_dir.join("src/generated");
+    let proto = crate_dir.join("../../proto");
     let mut stale = Vec::new();
+    update(&proto.join("plumbline/v1/common.proto"), with_services, &mut stale);
+    let fresh = tempfile::tempdir().unwrap();
+    generate(&proto, fresh.path());
+    let stored = crate_dir.join("src/generated");
     for file in fs::read_dir(fresh.path()).unwrap().map(|file| file.unwrap()) {
-        let (new, old) = (fs::read(file.path()).unwrap(), stored.join(file.file_name()));
-        if fs::read(&old).ok().as_ref() != Some(&new) {
-            if env::var_os("CI").is_none() {
-                fs::write(&old, new).unwrap();
-            }
-            stale.push(old);
-        }
+        update(&stored.join(file.file_name()), |_| fs::read(file.path()).unwrap(), &mut stale);
     }
     assert!(
         stale.is_empty(),
-        "files do not match the schemas: {stale:?}; run `cargo test -p wire generated` without CI to update them"
+        "files are out of date: {stale:?}; run `cargo test -p wire generated` without CI to update them"
     );
     let count = |folder: &Path| fs::read_dir(folder).unwrap().count();
     assert_eq!((count(&stored), count(fresh.path())), (4, 4), "types and descriptors of two packages");
+}
+
+/// Adds a file to `stale` if `generate` returns other contents for it, and updates it unless `CI`
+/// is set. A missing file counts as empty.
+fn update(path: &Path, generate: impl FnOnce(&[u8]) -> Vec<u8>, stale: &mut Vec<PathBuf>) {
+    let old = fs::read(path).unwrap_or_default();
+    let new = generate(&old);
+    if old != new {
+        if env::var_os("CI").is_none() {
+            fs::write(path, new).unwrap();
+        }
+        stale.push(path.to_owned());
+    }
+}
+
+/// Replaces the values of `enum Service` in a schema by the services of the service table.
+fn with_services(schema: &[u8]) -> Vec<u8> {
+    let schema = std::str::from_utf8(schema).unwrap();
+    let (before, rest) = schema.split_once("enum Service {\n").unwrap();
+    let (_, after) = rest.split_once("}\n").unwrap();
+    let services: String = (1..)
+        .zip(graph::Service::ALL)
+        .map(|(number, service)| format!("  SERVICE_{} = {number};\n", service.name().to_uppercase()))
+        .collect();
+    format!("{before}enum Service {{\n  SERVICE_UNSPECIFIED = 0;\n{services}}}\n{after}").into_bytes()
 }
 
 /// Generates types and descriptors of every package.
