@@ -27,7 +27,8 @@
 //! | `inflow` | limits on what a client sends |
 //! | `locked` | locking of mutexes, even after a panic |
 //! | `foxglove` | WebSocket for Foxglove and Lichtblick, with the feature `foxglove` |
-//! | `guard` | protection against requests from foreign pages |
+//! | `origin_check` | protection against requests from foreign pages |
+//! | `authorization` | check of a client's token |
 //! | `assets` | files of the page |
 //! | `socket` | WebSocket of a viewer |
 //! | `commands` | commands of viewers |
@@ -36,18 +37,19 @@
 #![forbid(unsafe_code)]
 
 mod assets;
+mod authorization;
 pub mod calibration;
 mod commands;
 pub mod decimator;
 #[cfg(feature = "foxglove")]
 mod foxglove;
-mod guard;
 pub mod hub;
 mod inflow;
 pub mod local_system;
 mod locked;
 mod log;
 mod metrics;
+mod origin_check;
 mod places;
 mod recorder;
 pub mod recording;

@@ -47,10 +47,11 @@ use tokio_rustls::TlsAcceptor;
 
 use crate::{
     assets::PageFiles,
+    authorization,
     commands::{self, Commands},
-    guard::{self, AccessRules},
     inflow::{LimitedStream, MAX_MESSAGE_BYTES},
     metrics,
+    origin_check::{self, AccessRules},
     places::{Place, Places, Use},
     recording::Recording,
     socket::{self, CLOSE_UNKNOWN_VEHICLE},
@@ -125,19 +126,13 @@ type NotFound = (StatusCode, String);
 impl ServerState {
     /// Returns the role granted by the token of a request.
     fn role(&self, headers: &HeaderMap) -> Option<Role> {
-        let token = headers.get(header::AUTHORIZATION)?.to_str().ok()?.strip_prefix("Bearer ")?;
-        self.site.tokens.as_ref()?.role(token)
+        authorization::role(headers, self.site.tokens.as_ref())
     }
 
     /// Returns the response to a request that lacks a required token. Returns `None` if the request
     /// is authorised.
     fn authorization_error(&self, headers: &HeaderMap) -> Option<Response> {
-        if !self.uses_tls || self.role(headers).is_some() {
-            return None;
-        }
-        let scheme = [(header::WWW_AUTHENTICATE, "Bearer")];
-        let message = "a viewer's or operator's token is required: `Authorization: Bearer TOKEN`\n";
-        Some((StatusCode::UNAUTHORIZED, scheme, message).into_response())
+        if self.uses_tls && self.role(headers).is_none() { Some(authorization::unauthorized()) } else { None }
     }
 
     /// Returns the view of the vehicle named in the query, or the default view if none is named.
@@ -213,11 +208,11 @@ impl Server {
             .route("/snapshots", get(recording_snapshots))
             .route("/metrics", get(metrics_page));
         #[cfg(feature = "foxglove")]
-        let router = router.route(guard::FOXGLOVE_PATH, get(foxglove_socket));
+        let router = router.route(origin_check::FOXGLOVE_PATH, get(foxglove_socket));
         let router = router
             .fallback(asset)
             .layer(middleware::from_fn_with_state(state.clone(), take_place))
-            .layer(middleware::from_fn_with_state(rules, guard::guard))
+            .layer(middleware::from_fn_with_state(rules, origin_check::check_origin))
             .with_state(state);
         let tls = self.tls;
         let run = move || runtime.block_on(serve(listener, tls, router));
@@ -324,7 +319,7 @@ async fn serve_viewer(mut socket: WebSocket, state: &ServerState, uri: &Uri, pla
     let tokens = state.site.tokens.as_ref();
     // A view is opened only for a client that may see it.
     if state.uses_tls
-        && let Err(rejection) = socket::receive_token(&mut socket, tokens, place).await
+        && let Err(rejection) = authorization::receive_token(&mut socket, tokens, place).await
     {
         return socket::close(socket, close_code::POLICY, &rejection.to_string()).await;
     }
@@ -332,7 +327,8 @@ async fn serve_viewer(mut socket: WebSocket, state: &ServerState, uri: &Uri, pla
     let mut view = open_view();
     // If all views for clients without a token are in use, a page with a token can still get a
     // view, because it sends the token in its first message.
-    if view.is_err() && place.role().is_none() && socket::receive_token(&mut socket, tokens, place).await.is_ok() {
+    if view.is_err() && place.role().is_none() && authorization::receive_token(&mut socket, tokens, place).await.is_ok()
+    {
         view = open_view();
     }
     let view = match view {

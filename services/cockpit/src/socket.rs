@@ -17,13 +17,13 @@ use tokio::{
 };
 use wire::{
     command::ControlMessage as _,
-    v1::{PageCommand, page_command::Kind, to_page::Content},
+    v1::{PageCommand, to_page::Content},
 };
 
 use crate::{
     commands::{CommandSession, Commands},
     hub::{self, Cursor, Hub},
-    places::{NoPlace, Place},
+    places::Place,
     token::Tokens,
 };
 
@@ -32,52 +32,17 @@ const SEND_TIMEOUT: Duration = Duration::from_secs(5);
 /// Maximum number of replies queued for a viewer.
 const MAX_QUEUED_REPLIES: usize = 16;
 
-/// Time limit for presenting a required token.
-const TOKEN_TIMEOUT: Duration = Duration::from_secs(5);
-
 /// Close code for a vehicle that is not available.
 pub(crate) const CLOSE_UNKNOWN_VEHICLE: u16 = 4404;
 /// Maximum length of a close reason, in bytes. A control frame holds 125 bytes, and the close code
 /// takes two of them.
 const MAX_REASON_BYTES: usize = 120;
 
-/// Reason why a viewer is not served.
-#[derive(Debug, thiserror::Error)]
-pub(crate) enum TokenRejection {
-    /// The first message contains no valid token.
-    #[error("token missing or wrong")]
-    Missing,
-    /// All places for clients with a token of this role are taken.
-    #[error(transparent)]
-    NoPlace(#[from] NoPlace),
-}
-
 /// Closes the connection with the reason. The connection is accepted first, because a page cannot
 /// read the response to a failed upgrade.
 pub(crate) async fn close(mut socket: WebSocket, code: u16, reason: &str) {
     let reason = reason[..reason.floor_char_boundary(MAX_REASON_BYTES)].into();
     let _ = timeout(SEND_TIMEOUT, socket.send(Message::Close(Some(CloseFrame { code, reason })))).await;
-}
-
-/// Receives a token as the viewer's first message.
-///
-/// # Errors
-///
-/// Fails if the message does not arrive in time, contains no valid token, or all places of clients
-/// with this token are taken.
-pub(crate) async fn receive_token(
-    socket: &mut WebSocket,
-    tokens: Option<&Tokens>,
-    place: &Place,
-) -> Result<(), TokenRejection> {
-    let Ok(Some(Ok(message))) = timeout(TOKEN_TIMEOUT, socket.recv()).await else {
-        return Err(TokenRejection::Missing);
-    };
-    place.inflow().record(&message);
-    let Message::Binary(bytes) = message else { return Err(TokenRejection::Missing) };
-    let command = PageCommand::from_bytes(&bytes).ok().filter(|command| command.kind() == Kind::View);
-    let role = command.zip(tokens).and_then(|(command, tokens)| tokens.role(&command.token));
-    Ok(place.show_token(role.ok_or(TokenRejection::Missing)?)?)
 }
 
 /// Serves a viewer until it disconnects.

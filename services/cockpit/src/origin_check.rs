@@ -48,7 +48,7 @@ pub(crate) struct AccessRules {
 }
 
 /// Rejects requests that fail the checks and adds [`SECURITY_HEADERS`] to every response.
-pub(crate) async fn guard(State(rules): State<Arc<AccessRules>>, request: Request, next: Next) -> Response {
+pub(crate) async fn check_origin(State(rules): State<Arc<AccessRules>>, request: Request, next: Next) -> Response {
     let mut response = match check_request(request.method(), request.uri(), request.headers(), &rules) {
         Ok(()) => next.run(request).await,
         // A rejected client must not occupy one of the limited connections.
