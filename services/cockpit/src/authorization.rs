@@ -1,7 +1,9 @@
-//! Check of the token of a client: in the header of a request, or in the first message of a
-//! WebSocket.
+//! Check of the token of a client.
 //!
-//! Each command has a token of its own, which [`commands`](crate::commands) checks.
+//! Input: the header of a request, or a message of the page.
+//! Output: the role that the token grants. [`server`](crate::server) decides where a role is
+//! required, [`commands`](crate::commands) which role a command requires.
+//! Failure: clients without a valid token are rejected.
 
 use std::time::Duration;
 
@@ -24,7 +26,8 @@ use crate::{
 /// Time limit for presenting a required token.
 const TOKEN_TIMEOUT: Duration = Duration::from_secs(5);
 
-/// Returns the role granted by the token of a request.
+/// Returns the role granted by the token of a request. Returns `None` if the request has no valid
+/// token.
 pub(crate) fn role(headers: &HeaderMap, tokens: Option<&Tokens>) -> Option<Role> {
     let token = headers.get(header::AUTHORIZATION)?.to_str().ok()?.strip_prefix("Bearer ")?;
     tokens?.role(token)
@@ -54,7 +57,16 @@ pub(crate) async fn receive_token(
     place.inflow().record(&message);
     let Message::Binary(bytes) = message else { return Err(TokenRejection::Missing) };
     let command = PageCommand::from_bytes(&bytes).ok().filter(|command| command.kind() == Kind::View);
-    let role = command.zip(tokens).and_then(|(command, tokens)| tokens.role(&command.token));
+    show_token(&command.ok_or(TokenRejection::Missing)?, tokens, place)
+}
+
+/// Moves a viewer to the class of clients with the token of a command.
+///
+/// # Errors
+///
+/// Fails if the token is not valid, or all places of clients with this token are taken.
+pub(crate) fn show_token(command: &PageCommand, tokens: Option<&Tokens>, place: &Place) -> Result<(), TokenRejection> {
+    let role = tokens.and_then(|tokens| tokens.role(&command.token));
     Ok(place.show_token(role.ok_or(TokenRejection::Missing)?)?)
 }
 

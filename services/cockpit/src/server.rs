@@ -132,7 +132,7 @@ impl ServerState {
     /// Returns the response to a request that lacks a required token. Returns `None` if the request
     /// is authorised.
     fn authorization_error(&self, headers: &HeaderMap) -> Option<Response> {
-        if self.uses_tls && self.role(headers).is_none() { Some(authorization::unauthorized()) } else { None }
+        (self.uses_tls && self.role(headers).is_none()).then(authorization::unauthorized)
     }
 
     /// Returns the view of the vehicle named in the query, or the default view if none is named.

@@ -21,6 +21,7 @@ use wire::{
 };
 
 use crate::{
+    authorization,
     commands::{CommandSession, Commands},
     hub::{self, Cursor, Hub},
     places::Place,
@@ -65,10 +66,8 @@ pub(crate) async fn serve(
                 message.iter().flatten().for_each(|message| place.inflow().record(message));
                 match message {
                     Some(Ok(Message::Binary(bytes))) => PageCommand::from_bytes(&bytes).is_ok_and(|command| {
-                        if let Some(role) = tokens.and_then(|tokens| tokens.role(&command.token)) {
-                            // If there is no free place, the viewer keeps its present one.
-                            let _ = place.show_token(role);
-                        }
+                        // Without a valid token or a free place, the viewer keeps its place.
+                        let _ = authorization::show_token(&command, tokens, place);
                         session.handle(command);
                         true
                     }),
