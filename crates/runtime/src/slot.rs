@@ -90,11 +90,12 @@ pub trait TickProcessor {
     /// ticks before it are missing.
     fn process(&mut self, input: &Self::Input, header: Header) -> Option<Self::Output>;
 
-    /// Returns the stage with its reset logic.
-    fn resetting_stage(&self) -> &ValidatedStage<Self::Stage>;
+    /// Returns the stage with the validation of its outputs.
+    fn validated_stage(&self) -> &ValidatedStage<Self::Stage>;
 
-    /// Returns a mutable reference to the stage with its reset logic, for restoring its state.
-    fn resetting_stage_mut(&mut self) -> &mut ValidatedStage<Self::Stage>;
+    /// Returns a mutable reference to the stage with the validation of its outputs, for restoring
+    /// its state.
+    fn validated_stage_mut(&mut self) -> &mut ValidatedStage<Self::Stage>;
 
     /// Visits the persistent state, excluding the stage.
     fn visit_own_state(&mut self, visit: &mut dyn FnMut(&mut u64));
@@ -131,7 +132,7 @@ impl<P: TickProcessor> SlotProcessor for SingleInputSlot<P> {
     }
 
     fn failure(&self) -> Option<String> {
-        self.processor.resetting_stage().failure().map(|failure| failure.to_string())
+        self.processor.validated_stage().failure().map(|failure| failure.to_string())
     }
 
     fn sequence(&self) -> &Sequence {
@@ -139,11 +140,11 @@ impl<P: TickProcessor> SlotProcessor for SingleInputSlot<P> {
     }
 
     fn stage(&self) -> &P::Stage {
-        &self.processor.resetting_stage().stage
+        &self.processor.validated_stage().stage
     }
 
     fn stage_mut(&mut self) -> &mut P::Stage {
-        &mut self.processor.resetting_stage_mut().stage
+        &mut self.processor.validated_stage_mut().stage
     }
 
     fn visit_own_state(&mut self, visit: &mut dyn FnMut(&mut u64)) {

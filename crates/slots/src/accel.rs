@@ -50,11 +50,11 @@ impl TickProcessor for AccelProcessor {
         })
     }
 
-    fn resetting_stage(&self) -> &ValidatedStage<AnyStage<Accelerometer>> {
+    fn validated_stage(&self) -> &ValidatedStage<AnyStage<Accelerometer>> {
         &self.0
     }
 
-    fn resetting_stage_mut(&mut self) -> &mut ValidatedStage<AnyStage<Accelerometer>> {
+    fn validated_stage_mut(&mut self) -> &mut ValidatedStage<AnyStage<Accelerometer>> {
         &mut self.0
     }
 

@@ -59,11 +59,11 @@ impl TickProcessor for GyroProcessor {
         })
     }
 
-    fn resetting_stage(&self) -> &ValidatedStage<AnyStage<Gyro>> {
+    fn validated_stage(&self) -> &ValidatedStage<AnyStage<Gyro>> {
         &self.0.validated
     }
 
-    fn resetting_stage_mut(&mut self) -> &mut ValidatedStage<AnyStage<Gyro>> {
+    fn validated_stage_mut(&mut self) -> &mut ValidatedStage<AnyStage<Gyro>> {
         &mut self.0.validated
     }
 

@@ -15,9 +15,9 @@ use crate::{
         flow::Flow,
         pending_swaps::PendingSwaps,
         process::ProcessTable,
+        promotion::{self, WatchRunner},
         renewal::Renewals,
         swaps::Swaps,
-        watch::{self, WatchRunner},
     },
 };
 
@@ -45,7 +45,7 @@ impl Supervision {
     /// The first call of [`handle`](Self::handle) returns the actions that start every service.
     pub fn new(config: Config, now: Duration) -> Self {
         let mut supervision = Self {
-            watches: watch::from_launch(&config.launch),
+            watches: promotion::from_launch(&config.launch),
             checkpoints: CheckpointStore::new(&config.launch),
             config,
             now,

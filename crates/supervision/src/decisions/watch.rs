@@ -9,7 +9,7 @@ use messages::Difference;
 
 use crate::{
     Supervision,
-    state::{pending_swaps::Requester, watch::WatchRunner},
+    state::{pending_swaps::Requester, promotion::WatchRunner},
 };
 
 impl Supervision {

@@ -7,7 +7,7 @@
 //! | [`checkpoint_store`] | the state a service resumes from |
 //! | [`swaps`], [`pending_swaps`] | ownership of the slots; swap requests |
 //! | [`stage_history`] | stages that have owned a slot |
-//! | [`watch`] | promotion rules and their progress |
+//! | [`promotion`] | promotion rules and their progress |
 //! | [`flow`] | progress from start to shutdown |
 //! | [`renewal`] | replacements of the bus |
 
@@ -15,8 +15,8 @@ pub(crate) mod checkpoint_store;
 pub(crate) mod flow;
 pub(crate) mod pending_swaps;
 pub(crate) mod process;
+pub(crate) mod promotion;
 pub(crate) mod renewal;
 pub(crate) mod restart_policy;
 pub(crate) mod stage_history;
 pub(crate) mod swaps;
-pub(crate) mod watch;
