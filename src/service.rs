@@ -11,7 +11,7 @@ use crate::absent::cockpit;
 use crate::absent::gateway;
 use crate::failure::{OrFail as _, Outcome};
 
-/// Matches a service over the lines of the service table.
+/// Expands to a `match` that calls the function `run` of the crate of each service.
 macro_rules! run_service {
     ({ $service:expr } $($group:ident { $($(#[$doc:meta])* $Service:ident = $name:ident: $($property:ident)*;)* })*) => {
         match $service { $($(Service::$Service => $name::run().or_fail(1),)*)* }

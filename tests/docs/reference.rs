@@ -5,7 +5,7 @@
 use std::{collections::BTreeSet, env, fs};
 
 use clap::Command;
-use graph::{Presence, Topic};
+use graph::{Presence, Service, Topic};
 use launch::Launch;
 use messages::{Chart, CourseReference, Field, Flags, Header, Layout, State};
 use score::catalogue::Catalogue;
@@ -168,6 +168,7 @@ fn topics() -> String {
                     .map(|reference| (reference.0, reference.name())),
             ),
         ),
+        ("Service", names(Service::ALL.map(|service| (service as u64, service.name())))),
         ("State", names([State::READY, State::RUNNING, State::FINISHED].map(|state| (state.0.into(), state.name())))),
     ];
     text += &table(["type", "values"], values.map(|(name, values)| [code(name), values]));

@@ -7,7 +7,7 @@
 
 use std::{any::TypeId, cell::RefCell, fmt, ops::RangeInclusive};
 
-use graph::{Entry, Service};
+use graph::{Entry, Service, Slot};
 use iceoryx2::{
     node::Node,
     port::{
@@ -46,9 +46,12 @@ const MAX_SERVICE_SUBSCRIPTIONS: usize = 3;
 const MAX_OTHER_SUBSCRIPTIONS: usize = 7 + MAX_OBSERVERS;
 /// Maximum number of publishers of a topic on which every service or every candidate publishes.
 ///
-/// A subscriber also keeps the unread messages of publishers that have exited, up to this number.
-pub(crate) const MAX_SERVICE_PORTS: usize = 24;
-const MAX_NODES: usize = 40 + 2 * MAX_OBSERVERS;
+/// Each of them may be accompanied by a killed process that has not been cleaned up yet. A
+/// subscriber also keeps the unread messages of publishers that have exited, up to this number.
+pub(crate) const MAX_SERVICE_PORTS: usize = 2 * (Service::ALL.len() + Slot::ALL.len());
+/// Maximum number of processes of a system: services and candidates, 16 others such as feeders, and
+/// observers, each with a killed predecessor.
+const MAX_NODES: usize = MAX_SERVICE_PORTS + 16 + 2 * MAX_OBSERVERS;
 /// Length in bytes of each piece into which the layout text is split. Each piece becomes an
 /// attribute of the topic. iceoryx2 stores eight attributes of 256 bytes.
 const LAYOUT_CHUNK_BYTES: usize = 250;

@@ -6,7 +6,8 @@
 /// table.
 ///
 /// A line is `Service = name: properties;`
-/// - *name*: name in launch files and messages, and of the crate in `services/`;
+/// - *name*: the variant in lower case, name in launch files and messages and of the crate in
+///   `services/`;
 /// - *properties*: `Listed` if a launch file may list the service, `CarriesTicks` if it carries
 ///   ticks between the hosts of a split system, `LowPriority` if nothing on board waits for it.
 ///

@@ -29,7 +29,7 @@ keys! {
         /// Name of the system. Only one running system can have a given name.
         name: String = "plumbline".into(), NAME;
         /// Services in the order in which they are started: every service of the data path once,
-        /// and optionally the gateway and the cockpit.
+        /// and any of the others.
         services: Vec<Service> = Service::LISTED.into(), By(services);
         /// Time span of messages that every topic holds before it overwrites the oldest message.
         buffer_s: f64 = 2.0, 0.1..=MAX_BUFFER_S, unit "s";

@@ -39,7 +39,7 @@ fn generated_files_match_schemas() {
 }
 
 /// Adds a file to `stale` if `generate` returns other contents for it, and updates it unless `CI`
-/// is set. A missing file counts as empty.
+/// is set. `generate` receives the present contents, which are empty if the file is missing.
 fn update(path: &Path, generate: impl FnOnce(&[u8]) -> Vec<u8>, stale: &mut Vec<PathBuf>) {
     let old = fs::read(path).unwrap_or_default();
     let new = generate(&old);

@@ -1,7 +1,8 @@
 //! Encoding and then decoding a message reproduces it bit for bit.
 use crate::common::{RandomMessage, TestRng, for_every_message};
+use messages::Health;
 use proptest::prelude::*;
-use wire::v1::Envelope;
+use wire::{Payload as _, v1::Envelope};
 
 /// Returns the bytes of a message, so that NaN compares equal to itself.
 fn bits<M: messages::Message>(message: &M) -> Vec<u8> {
@@ -35,6 +36,15 @@ proptest! {
     #[test]
     fn every_batch_round_trips(seed: u64, count in 0u64..9) {
         for_every_message!(check_batch(seed, count));
+    }
+}
+
+#[test]
+fn every_service_round_trips() {
+    for service in graph::Service::ALL {
+        let message = Health { service: service as u32, ..Health::random(&mut TestRng::new(1)) };
+        let decoded = Health::from_bytes(&message.to_bytes()).unwrap();
+        assert_eq!(decoded.service, service as u32, "{service}");
     }
 }
 
