@@ -13,6 +13,13 @@
 //! - The specific force of a dead accelerometer is not used.
 //! - A stage whose output is invalid is reset. If the output after the reset is also invalid, the
 //!   stage has failed.
+//!
+//! | module | contents |
+//! | --- | --- |
+//! | `sensor_tick` | [`SensorTick`], the input |
+//! | `input_supervisor` | [`InputSupervisor`]: missing ticks, unusable values, outages |
+//! | `stage_supervisor` | [`StageSupervisor`]: realignment, step, reset |
+//! | `output_flags` | [`SupervisedFused`], the output: flags and counter of jumps |
 
 mod input_supervisor;
 mod output_flags;
