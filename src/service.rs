@@ -13,7 +13,9 @@ use crate::failure::{OrFail as _, Outcome};
 
 /// Expands to a `match` that calls the function `run` of the crate of each service.
 macro_rules! run_service {
-    ({ $service:expr } $($group:ident { $($(#[$doc:meta])* $Service:ident = $name:ident: $($property:ident)*;)* })*) => {
+    ({ $service:expr }
+        $($group:ident { $($(#[$doc:meta])* $Service:ident = $name:ident: $($property:ident)*;)* })*
+    ) => {
         match $service { $($(Service::$Service => $name::run().or_fail(1),)*)* }
     };
 }

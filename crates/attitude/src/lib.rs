@@ -28,7 +28,7 @@
 //! | [`angles`] | yaw, pitch and roll |
 //! | [`kinematics`] | differential equations (18)–(20) |
 //! | [`stage`] | contract of a stage and its snapshot |
-//! | [`validated_stage`] | reset of a stage after an invalid output |
+//! | [`validated_stage`] | validation of the outputs of a stage, and its reset |
 //! | [`scalars`] | traversal of the numbers that make up a value |
 //! | [`state_words`] | state as 64-bit words |
 //! | [`parameters`] | adjustable parameters of a stage |

@@ -1,4 +1,4 @@
-//! Reset of a stage after an invalid output.
+//! Validation of the outputs of a stage, which is reset after an invalid one.
 //!
 //! Input: the input of the stage.
 //!
@@ -11,7 +11,7 @@ use core::fmt;
 
 use crate::stage::{Snapshot, Stage, Validate};
 
-/// Stage that is reset to its initial state if it returns an invalid output.
+/// Stage with validated outputs. It is reset to its initial state if it returns an invalid one.
 #[derive(Debug, Clone)]
 pub struct ValidatedStage<S> {
     /// The wrapped stage.

@@ -49,8 +49,8 @@ const MAX_OTHER_SUBSCRIPTIONS: usize = 7 + MAX_OBSERVERS;
 /// Each of them may be accompanied by a killed process that has not been cleaned up yet. A
 /// subscriber also keeps the unread messages of publishers that have exited, up to this number.
 pub(crate) const MAX_SERVICE_PORTS: usize = 2 * (Service::ALL.len() + Slot::ALL.len());
-/// Maximum number of processes of a system: services and candidates, 16 others such as feeders, and
-/// observers, each with a killed predecessor.
+/// Maximum number of processes of a system: those of services and candidates, 16 others such as
+/// feeders, and observers. It includes killed processes that have not been cleaned up yet.
 const MAX_NODES: usize = MAX_SERVICE_PORTS + 16 + 2 * MAX_OBSERVERS;
 /// Length in bytes of each piece into which the layout text is split. Each piece becomes an
 /// attribute of the topic. iceoryx2 stores eight attributes of 256 bytes.

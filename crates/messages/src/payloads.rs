@@ -370,7 +370,7 @@ payload! {
         next_tick: u64,
         /// Value of [`Checkpoint::compute_checksum`].
         checksum: u64,
-        /// Index of the service; see the numbered values.
+        /// Index of the service in the service table.
         service: u32,
         /// Incarnation of the publisher.
         incarnation: u32,
@@ -451,7 +451,7 @@ payload! {
         /// Rotation from the owner's to the candidate's attitude at `tick`, w x y z, body axes; NaN
         /// if unknown.
         rotation: [f64; 4],
-        /// Index of the slot's service; see the numbered values.
+        /// Index of the slot's service in the service table.
         service: u32,
         /// Incarnation of the candidate.
         incarnation: u32,
@@ -465,7 +465,7 @@ payload! {
         from_tick: u64,
         /// Number of the decision, which increases with every decision about the slot.
         epoch: u32,
-        /// Index of the slot's service; see the numbered values.
+        /// Index of the slot's service in the service table.
         service: u32,
         /// Incarnation of the owner.
         owner: u32,
@@ -493,7 +493,7 @@ payload! {
         late_wakes: u64,
         /// Union of all flags since the start.
         flags: Flags,
-        /// Index of the service; see the numbered values.
+        /// Index of the service in the service table.
         service: u32,
         /// Operating state.
         state: State,
@@ -581,7 +581,7 @@ payload! {
         adopted_tick: u64,
         /// Kind of the event.
         kind: EventKind,
-        /// Index of the service; see the numbered values.
+        /// Index of the service in the service table.
         service: u32,
         /// Incarnation of the process.
         incarnation: u32,
